@@ -10,6 +10,7 @@ namespace saltus {
 struct Timebase {
   double period = 1.0;          // [s] of one turn
   std::int64_t per_turn = 512;  // [tick] in one turn, >= 1
+  bool sets_clock = false;      // a turn is the model's: its clock coordinate is set from the tick, not integrated
 
   constexpr double dt() const noexcept { return period / static_cast<double>(per_turn); }  // [s]
 

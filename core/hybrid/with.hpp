@@ -1,0 +1,180 @@
+// With<Model, Effects...>: a model with effects added, again a model. An effect is a class template over the scalar
+// with `parameters()` like a model's, and any of
+//   S      force (Port, const S& displacement, const S& rate) const     a force [N or N m] at a port of the model
+//   Vec<n> flow  (C, const Vec<n, S>& x, const Vec<nu, S>& u) const     added to the rate of chart C
+//   S      guard (E, const Vec<n, S>& x, const Vec<nu, S>& u) const     added to the guard of edge E
+//   Vec<n'> reset(E, const Vec<n, S>& before, const Vec<n', S>& after, const Vec<nu, S>& u) const   replaces the state
+//   after E Vec<nu> input(const Vec<nu, S>& u) const                            replaces the input Vec<ny> output(const
+//   Vec<ny, S>& y) const                           replaces the output
+// An effect acts where its overloads fit; one that acts nowhere does not compile.
+#pragma once
+
+#include <string_view>
+#include <tuple>
+
+#include "model.hpp"
+
+namespace saltus {
+
+template <class M>
+struct PortsOf {
+  using type = List<>;
+};
+template <class M>
+requires requires { typename M::Ports; }
+struct PortsOf<M> {
+  using type = typename M::Ports;
+};
+
+template <class M, class... Effects>
+struct With {
+  using S = ScalarOf<M>;
+  using Scalar = S;
+  template <class T>
+  using rebind = With<Rebind<M, T>, Rebind<Effects, T>...>;
+  using Charts = typename M::Charts;
+  using Edges = typename M::Edges;
+  using Ports = typename PortsOf<M>::type;
+  using U = Input<M>;
+  static constexpr auto inputs = M::inputs;
+  static constexpr auto outputs = M::outputs;
+  static constexpr std::string_view name = M::name;
+  static constexpr int parameter_count = saltus::parameter_count<M> + (0 + ... + saltus::parameter_count<Effects>);
+
+  M model{};
+  std::tuple<Effects...> effects{};
+
+  With() = default;
+  explicit With(const M& m, const Effects&... e) noexcept : model(m), effects(e...) {}
+
+  template <class C>
+  Vec<C::dim, S> flow(C c, const Vec<C::dim, S>& x, const U& u_given) const noexcept {
+    const U u = input(u_given);
+    Vec<C::dim, S> f = model.flow(c, x, u);
+    each_effect([&](const auto& e) {
+      each_port([&](auto p) {
+        if constexpr (forced<decltype(e), decltype(p), C>()) {
+          const Motion<S, C::dim> at = model.port(p, c, x);
+          const S force = e.force(p, at.displacement, at.rate);
+          for (int i = 0; i < C::dim; ++i) f[i] += at.per_force[i] * force;
+        }
+      });
+      if constexpr (requires { e.flow(c, x, u); }) f += e.flow(c, x, u);
+    });
+    return f;
+  }
+
+  template <class E>
+  S guard(E edge, const Vec<E::from::dim, S>& x, const U& u_given) const noexcept {
+    const U u = input(u_given);
+    S g = model.guard(edge, x, u);
+    each_effect([&](const auto& e) {
+      each_port([&](auto p) {
+        // A force that passes through a guard (a leg force in a ground reaction) says so by reaction(port, edge).
+        if constexpr (forced<decltype(e), decltype(p), typename E::from>() && requires { model.reaction(p, edge); }) {
+          const Motion<S, E::from::dim> at = model.port(p, typename E::from{}, x);
+          g += model.reaction(p, edge) * e.force(p, at.displacement, at.rate);
+        }
+      });
+      if constexpr (requires { e.guard(edge, x, u); }) g += e.guard(edge, x, u);
+    });
+    return g;
+  }
+
+  template <class E>
+  Vec<E::to::dim, S> reset(E edge, const Vec<E::from::dim, S>& x, const U& u_given) const noexcept {
+    const U u = input(u_given);
+    Vec<E::to::dim, S> after = model.reset(edge, x, u);
+    each_effect([&](const auto& e) {
+      if constexpr (requires { e.reset(edge, x, after, u); }) after = e.reset(edge, x, after, u);
+    });
+    return after;
+  }
+
+  template <class C>
+  Output<M> output(C c, const Vec<C::dim, S>& x, const U& u_given) const noexcept {
+    Output<M> y = model.output(c, x, input(u_given));
+    each_effect([&](const auto& e) {
+      if constexpr (requires { e.output(y); }) y = e.output(y);
+    });
+    return y;
+  }
+
+  // The model's own ports pass through, so that effects can be added to what already has some.
+  template <class P, class C>
+  requires requires(const M& m, P p, C c, const Vec<C::dim, S>& x) { m.port(p, c, x); }
+  Motion<S, C::dim> port(P p, C c, const Vec<C::dim, S>& x) const noexcept { return model.port(p, c, x); }
+  template <class P, class E>
+  requires requires(const M& m, P p, E e) { m.reaction(p, e); }
+  S reaction(P p, E e) const noexcept { return model.reaction(p, e); }
+
+  auto start() const noexcept { return model.start(); }
+
+  template <class F>
+  void visit_parameters(F&& f) {
+    saltus::visit_parameters(model, f);
+    std::apply([&](auto&... e) { (saltus::visit_parameters(e, f), ...); }, effects);
+  }
+  template <class F>
+  void visit_parameters(F&& f) const {
+    saltus::visit_parameters(model, f);
+    std::apply([&](const auto&... e) { (saltus::visit_parameters(e, f), ...); }, effects);
+  }
+
+ private:
+  template <class F>
+  void each_effect(F&& f) const {
+    std::apply([&](const auto&... e) { (f(e), ...); }, effects);
+  }
+  template <class F>
+  static void each_port(F&& f) {
+    visit_each(Ports{}, f);
+  }
+  U input(const U& u_given) const noexcept {
+    U u = u_given;
+    each_effect([&](const auto& e) {
+      if constexpr (requires { e.input(u); }) u = e.input(u);
+    });
+    return u;
+  }
+
+  template <class E, class P, class C>
+  static constexpr bool forced() noexcept {
+    return requires(const M& m, const E& e, P p, C c, const Vec<C::dim, S>& x, const S& s) {
+      m.port(p, c, x);
+      e.force(p, s, s);
+    };
+  }
+  template <class E, class... Cs, class... Es, class... Ps>
+  static constexpr bool acts(List<Cs...>, List<Es...>, List<Ps...>) noexcept {
+    constexpr bool on_charts =
+        ((requires(const E& e, const Vec<Cs::dim, S>& x, const U& u) { e.flow(Cs{}, x, u); }) || ...);
+    constexpr bool on_edges =
+        ((requires(const E& e, const Vec<Es::from::dim, S>& x, const Vec<Es::to::dim, S>& after, const U& u) {
+           e.reset(Es{}, x, after, u);
+         }) ||
+         ... || false) ||
+        ((requires(const E& e, const Vec<Es::from::dim, S>& x, const U& u) { e.guard(Es{}, x, u); }) || ... || false);
+    constexpr bool on_ports = (forced_somewhere<E, Ps, Cs...>() || ... || false);
+    constexpr bool on_wires = requires(const E& e, const U& u) { e.input(u); }
+    || requires(const E& e, const Output<M>& y) { e.output(y); };
+    return on_charts || on_edges || on_ports || on_wires;
+  }
+  template <class E, class P, class... Cs>
+  static constexpr bool forced_somewhere() noexcept {
+    return (forced<E, P, Cs>() || ...);
+  }
+  template <class E>
+  static constexpr bool acts_somewhere() noexcept {
+    constexpr bool yes = acts<E>(Charts{}, Edges{}, Ports{});
+    static_assert(yes,
+                  "this effect acts nowhere on this model: no port, chart, edge, input or output fits its overloads");
+    return yes;
+  }
+  static_assert((acts_somewhere<Effects>() && ...));
+};
+
+template <class M, class... Effects>
+With(const M&, const Effects&...) -> With<M, Effects...>;
+
+}  // namespace saltus
