@@ -1,0 +1,191 @@
+// One interval of a hybrid model's life: flow, and every event inside it. The one algorithm to get right.
+//
+// A guard is positive inside its chart; an edge is taken at the first t* in (t, t + h] where its guard is no longer
+// positive. Armed = positive at the start, or positive a moment (h / 2^20) into the step; recomputed each time, never
+// stored. The earliest edge wins, ties go to the one declared first; then what is left of the interval goes on in the
+// next chart. At most eight crossings an interval.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "../hybrid/point.hpp"
+#include "../status.hpp"
+#include "../tick.hpp"
+#include "crossing.hpp"
+
+namespace saltus {
+
+inline constexpr int max_crossings = 8;  // in one interval; one more is Status::zeno
+
+struct Event {
+  int edge = 0;     // position in M::Edges
+  double at = 0.0;  // [s] after the start of the interval
+};
+
+// What happened in an interval.
+struct Passage {
+  Status status = Status::ok;
+  int events = 0;
+  std::array<Event, max_crossings> event{};
+  double elapsed = 0.0;  // [s] lived; less than asked for when the watch was met or the status is not usable
+  bool met = false;      // the watch fell through zero at `elapsed`, and the point stands there
+};
+
+// A watch is a surface that stops the interval without changing the state: value(m, C, x, u), falling through zero.
+struct Unwatched {};
+
+namespace flow {
+template <class M, class C, class Watch>
+void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch, C c, Passage& r) noexcept {
+  constexpr int n = C::dim;
+  const auto f = [&](const Vec<n>& x) noexcept -> Vec<n> { return m.flow(c, x, u); };
+  const double left = h - r.elapsed;
+  const Vec<n> x0 = p.in(c);
+  const Vec<n> f0 = f(x0);
+  const Vec<n> x1 = rk4<n, double>(f, x0, f0, left);
+  const Vec<n> f1 = f(x1);
+  if (!(x0.allFinite() && f0.allFinite() && x1.allFinite() && f1.allFinite())) {
+    r.status = Status::diverged;
+    return;
+  }
+  const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}};
+  using Kind = typename Crossing<n>::Kind;
+  constexpr double tie = 0x1p-46;  // [-] of the step: crossings closer than this are simultaneous
+  Crossing<n> first;
+  int edge = -1;
+  Status status = Status::ok;
+
+  int index = 0;
+  visit_each(typename M::Edges{}, [&](auto e) {
+    using E = decltype(e);
+    if constexpr (std::is_same_v<typename E::from, C>) {
+      const Crossing<n> found = locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); });
+      if (found.kind == Kind::escaped) status = worse(status, Status::escaped);
+      if (found.kind == Kind::diverged) status = worse(status, Status::diverged);
+      if (found.kind == Kind::none && found.grazing) r.status = worse(r.status, Status::grazing);
+      if (found.kind == Kind::crossed && found.s < first.s - tie) {
+        first = found;
+        edge = index;
+      }
+    }
+    ++index;
+  });
+  bool met = false;
+  if constexpr (!std::is_same_v<Watch, Unwatched>) {
+    const Crossing<n> found =
+        locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return watch.value(m, c, x, u); });
+    // A section met at the same instant as an edge is met before it: the state handed out is the one on the section.
+    if (found.kind == Kind::crossed && found.s <= first.s + tie) {
+      first = found;
+      met = true;
+    }
+  }
+
+  if (!met && edge < 0) {
+    r.status = worse(r.status, status);
+    if (!usable(status)) return;
+    p.set(c, x1);
+    r.elapsed = h;
+    return;
+  }
+  if (status == Status::diverged) {
+    r.status = status;
+    return;
+  }
+  if (met) {
+    if (first.grazing) r.status = worse(r.status, Status::grazing);
+    p.set(c, first.x);
+    r.elapsed += first.s * left;
+    r.met = true;
+    return;
+  }
+  if (r.events == max_crossings) {
+    r.status = Status::zeno;
+    return;
+  }
+  if (first.grazing) r.status = worse(r.status, Status::grazing);
+  r.elapsed = first.s < 1.0 ? r.elapsed + first.s * left : h;
+  r.event[static_cast<std::size_t>(r.events++)] = Event{edge, r.elapsed};
+  visit_at(typename M::Edges{}, edge, [&](auto e) {
+    using E = decltype(e);
+    if constexpr (std::is_same_v<typename E::from, C>) {
+      const Vec<E::to::dim> after = m.reset(e, first.x, u);
+      if (!after.allFinite()) {
+        r.status = Status::diverged;
+        return;
+      }
+      p.set(typename E::to{}, after);
+    }
+  });
+}
+}  // namespace flow
+
+// Moves p through h seconds with the input held at u. Statuses: ok; grazing (an event, or a miss, was nearly
+// tangential); zeno, escaped, diverged: p stands where the trouble was met, `elapsed` says when.
+template <class M, class Watch = Unwatched>
+Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch = {}) noexcept {
+  Passage r;
+  while (usable(r.status) && !r.met && r.elapsed < h) {
+    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, c, r); });
+  }
+  return r;
+}
+
+// A model on the integer time grid.
+template <class M>
+struct Run {
+  Point<M> at{};
+  std::int64_t tick = 0;  // [tick] the last grid point passed
+  double into = 0.0;      // [s] since then
+  Ledger ledger{};
+
+  double time(const Timebase& base) const noexcept { return base.time(tick) + into; }  // [s]
+};
+
+// The time base of a model: a turn of its clock in `per_turn` ticks; for a model without a clock, of one second.
+template <class M>
+Timebase timebase_of(const M& m, std::int64_t per_turn) noexcept {
+  Timebase base{1.0, per_turn};
+  if constexpr (clocked<M>) {
+    const Point<M> p = start_of(m);
+    visit_chart(p, [&](auto c) {
+      const double rate = m.flow(c, p.in(c), Input<M>::Zero())[clock_of<decltype(c)>()];  // [rad/s]
+      base.period = 2.0 * std::numbers::pi / rate;
+      base.sets_clock = true;
+    });
+  }
+  return base;
+}
+
+// Sets the clock coordinate to the angle of a grid tick, where the time base says so: exact, integration would drift.
+template <class M>
+void set_clock(Point<M>& p, const Timebase& base, std::int64_t tick) noexcept {
+  if constexpr (clocked<M>) {
+    if (base.sets_clock) p.x[clock_index(p)] = base.phase(tick);
+  }
+}
+
+// To the next grid tick, or to the watch if that comes first. Counts its status in the run's ledger.
+template <class M, class Watch = Unwatched>
+Passage step(const M& m, Run<M>& run, const Input<M>& u, const Timebase& base, const Watch& watch = {}) noexcept {
+  const double dt = base.dt();
+  const Passage r = advance(m, run.at, u, dt - run.into, watch);
+  run.ledger.note(r.status, run.tick);
+  if (r.met) {
+    run.into += r.elapsed;
+    if (run.into >= dt) {  // met at the very end: stand on the grid, not beyond it
+      run.into = 0.0;
+      ++run.tick;
+    }
+  } else if (usable(r.status)) {
+    run.into = 0.0;
+    ++run.tick;
+    set_clock(run.at, base, run.tick);
+  } else {
+    run.into += r.elapsed;
+  }
+  return r;
+}
+
+}  // namespace saltus
