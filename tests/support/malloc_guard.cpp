@@ -42,10 +42,12 @@ std::int64_t allocations() noexcept { return count.load(std::memory_order_relaxe
 
 extern "C" {
 
-void* __libc_malloc(std::size_t size) noexcept;                      // NOLINT(bugprone-reserved-identifier)
-void* __libc_calloc(std::size_t number, std::size_t size) noexcept;  // NOLINT(bugprone-reserved-identifier)
-void* __libc_realloc(void* old, std::size_t size) noexcept;          // NOLINT(bugprone-reserved-identifier)
-void* __libc_memalign(std::size_t alignment, std::size_t size) noexcept;  // NOLINT(bugprone-reserved-identifier)
+// NOLINTBEGIN(bugprone-reserved-identifier)
+void* __libc_malloc(std::size_t size) noexcept;
+void* __libc_calloc(std::size_t number, std::size_t size) noexcept;
+void* __libc_realloc(void* old, std::size_t size) noexcept;
+void* __libc_memalign(std::size_t alignment, std::size_t size) noexcept;
+// NOLINTEND(bugprone-reserved-identifier)
 
 void* malloc(std::size_t size) noexcept {
   count.fetch_add(1, std::memory_order_relaxed);
