@@ -29,13 +29,12 @@ class LeastSquares {
   Status add(std::span<const T, columns> row, T rhs, T weight = T(1)) noexcept {
     const T scale = weight > T(0) ? std::sqrt(weight) : std::numeric_limits<T>::quiet_NaN();
     std::array<T, columns> a;
-    T probe = scale * rhs;
-    probe -= probe;  // 0, or not a number from here on
+    bool finite = std::isfinite(scale * rhs);
     for (std::size_t j = 0; j < columns; ++j) {
       a[j] = scale * row[j];
-      probe += a[j] - a[j];
+      finite = finite && std::isfinite(a[j]);
     }
-    if (!(probe == T(0))) return Status::missing;
+    if (!finite) return Status::missing;
     fold(a, scale * rhs, 0);
     ++rows_;
     return Status::ok;
