@@ -77,22 +77,15 @@ struct Dual {
 };
 
 // The elementary functions of a model, for every scalar. A model outside this namespace writes `using saltus::sin;`.
-inline double sin(double x) noexcept { return std::sin(x); }
-inline double cos(double x) noexcept { return std::cos(x); }
-inline double exp(double x) noexcept { return std::exp(x); }
-inline double log(double x) noexcept { return std::log(x); }
-inline double tanh(double x) noexcept { return std::tanh(x); }
-inline double sqrt(double x) noexcept { return std::sqrt(x); }
-inline double abs(double x) noexcept { return std::abs(x); }
-inline double atan2(double y, double x) noexcept { return std::atan2(y, x); }
-inline float sin(float x) noexcept { return std::sin(x); }
-inline float cos(float x) noexcept { return std::cos(x); }
-inline float exp(float x) noexcept { return std::exp(x); }
-inline float log(float x) noexcept { return std::log(x); }
-inline float tanh(float x) noexcept { return std::tanh(x); }
-inline float sqrt(float x) noexcept { return std::sqrt(x); }
-inline float abs(float x) noexcept { return std::abs(x); }
-inline float atan2(float y, float x) noexcept { return std::atan2(y, x); }
+// These are std's own, so that `using namespace saltus` beside the C library's names stays unambiguous.
+using std::abs;
+using std::atan2;
+using std::cos;
+using std::exp;
+using std::log;
+using std::sin;
+using std::sqrt;
+using std::tanh;
 
 template <int K>
 Dual<K> sin(const Dual<K>& x) noexcept {

@@ -12,7 +12,8 @@ namespace saltus {
 // In rising order of severity; the worst one met wins.
 enum class Status : std::uint8_t {
   ok,
-  grazing,   // a guard was crossed almost tangentially: the event time and every derivative through it are ill-conditioned
+  grazing,   // a guard was crossed almost tangentially: the event time and every derivative through it are
+             // ill-conditioned
   missing,   // a measurement was absent or not finite and did not enter the sums
   zeno,      // more crossings in one interval than the cap: events accumulate
   escaped,   // an unarmed guard ended below zero: the state left its chart without an event

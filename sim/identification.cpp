@@ -1,0 +1,98 @@
+#include "identification.hpp"
+
+#include <algorithm>
+
+namespace saltus {
+namespace {
+
+// Output lines alias: f and -f, and f + N, are one frequency of a real signal sampled N times a cycle.
+double folded(double f, int sections) {
+  const double n = sections;
+  f = std::abs(std::remainder(f, n));
+  return std::min(f, n - f);
+}
+
+}  // namespace
+
+void LineNoise::add(int output, double frequency, double variance, std::int64_t periods) {
+  const auto c = static_cast<std::size_t>(output);
+  if (entries_.size() <= c) entries_.resize(c + 1);
+  const auto freedom = static_cast<double>(periods - 1);
+  entries_[c].push_back({frequency, variance * freedom, freedom});
+}
+
+void LineNoise::sort(int sections) {
+  for (auto& list : entries_) {
+    for (Entry& e : list) e.frequency = folded(e.frequency, sections);
+    std::sort(list.begin(), list.end(), [](const Entry& a, const Entry& b) { return a.frequency < b.frequency; });
+  }
+}
+
+double LineNoise::variance(int output, double frequency, int sections) const {
+  constexpr std::size_t pool = 48;  // lines: with three degrees of freedom each, a standard error good to 4 %
+  const auto c = static_cast<std::size_t>(output);
+  if (c >= entries_.size() || entries_[c].empty()) return std::numeric_limits<double>::quiet_NaN();
+  const auto& list = entries_[c];
+  const double f = folded(frequency, sections);
+  auto hi = static_cast<std::size_t>(
+      std::lower_bound(list.begin(), list.end(), f, [](const Entry& e, double x) { return e.frequency < x; }) -
+      list.begin());
+  std::size_t lo = hi;
+  while (hi - lo < std::min(pool, list.size())) {  // the nearest lines on either side
+    if (hi == list.size() || (lo > 0 && f - list[lo - 1].frequency <= list[hi].frequency - f)) {
+      --lo;
+    } else {
+      ++hi;
+    }
+  }
+  double sum = 0.0, freedom = 0.0;
+  for (std::size_t i = lo; i < hi; ++i) {
+    sum += list[i].sum;
+    freedom += list[i].freedom;
+  }
+  return freedom > 0.0 ? sum / freedom : std::numeric_limits<double>::quiet_NaN();
+}
+
+std::vector<HtfEstimate> Identification::select(int m, int output) const {
+  std::vector<HtfEstimate> r;
+  for (const HtfEstimate& h : htf) {
+    if (h.m == m && h.output == output) r.push_back(h);
+  }
+  return r;
+}
+
+void finish(Identification& id, LineNoise& noise) {
+  noise.sort(id.sections);
+  for (HtfEstimate& h : id.htf) {
+    const double f = static_cast<double>(h.line) / id.period + h.m;
+    h.sigma *= std::sqrt(noise.variance(h.output, f, id.sections));
+  }
+  const auto key = [](const HtfEstimate& h) { return std::array{h.m, h.line, h.output}; };
+  std::stable_sort(id.htf.begin(), id.htf.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
+  // A line played in several experiments: one estimate, by inverse variance, or by cycles where there is no noise.
+  std::vector<HtfEstimate> merged;
+  for (std::size_t i = 0; i < id.htf.size();) {
+    HtfEstimate sum = id.htf[i];
+    sum.value = 0.0;
+    sum.cycles = 0;
+    double weights = 0.0;
+    bool known = true;
+    std::size_t j = i;
+    for (; j < id.htf.size() && key(id.htf[j]) == key(id.htf[i]); ++j) {
+      known = known && std::isfinite(id.htf[j].sigma) && id.htf[j].sigma > 0.0;
+    }
+    for (; i < j; ++i) {
+      const HtfEstimate& h = id.htf[i];
+      const double w = known ? 1.0 / (h.sigma * h.sigma) : h.cycles;
+      weights += w;
+      sum.value += w * h.value;
+      sum.cycles += h.cycles;
+    }
+    sum.value /= weights;
+    if (known) sum.sigma = 1.0 / std::sqrt(weights);
+    merged.push_back(sum);
+  }
+  id.htf = std::move(merged);
+}
+
+}  // namespace saltus

@@ -1,0 +1,33 @@
+// Every model the program knows, in one list.
+#pragma once
+
+#include <string>
+#include <string_view>
+
+#include "hopper.hpp"
+
+namespace saltus {
+
+using KnownModels = List<Hopper<>>;
+
+// Calls f(M{}) for the model of that name; false when there is none.
+template <class F>
+bool visit_model(std::string_view name, F&& f) {
+  bool found = false;
+  visit_each(KnownModels{}, [&](auto m) {
+    if (!found && decltype(m)::name == name) {
+      found = true;
+      f(m);
+    }
+  });
+  return found;
+}
+
+// "hopper, kneed_biped, ..."
+inline std::string known_models() {
+  std::string s;
+  visit_each(KnownModels{}, [&](auto m) { s += (s.empty() ? "" : ", ") + std::string(decltype(m)::name); });
+  return s;
+}
+
+}  // namespace saltus

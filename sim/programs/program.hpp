@@ -1,0 +1,106 @@
+// What the subcommands share: their registration, the choice of a model, and the two ways to fail. Exit status: 0 done,
+// 1 bad input or a failed run, 2 wrong usage.
+#pragma once
+
+#include <CLI/CLI.hpp>
+
+#include <nlohmann/json.hpp>
+
+#include <cstdint>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include "../models/registry.hpp"
+
+namespace saltus::program {
+
+// Wrong usage: names the option and the mend. Exit status 2.
+struct UsageError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// A run that failed: says what and what to do. Exit status 1.
+struct RunError : std::runtime_error {
+  using std::runtime_error::runtime_error;
+};
+
+// One function a subcommand.
+void add_models(CLI::App& app);
+void add_orbit(CLI::App& app);
+void add_htf(CLI::App& app);
+void add_design(CLI::App& app);
+void add_identify(CLI::App& app);
+void add_demo(CLI::App& app);
+
+// MODEL, --set NAME=VALUE ... and how finely to integrate.
+struct ModelChoice {
+  std::string name;
+  std::vector<std::string> settings;
+  std::int64_t ticks = 512;  // [tick] a turn
+
+  void add_to(CLI::App& command);
+};
+
+// NAME=VALUE, or UsageError.
+struct Setting {
+  std::string name;
+  double value;
+};
+Setting parse_setting(const std::string& text, const char* option);
+
+template <class M>
+void set_parameters(M& m, const std::vector<std::string>& settings) {
+  for (const std::string& text : settings) {
+    const Setting s = parse_setting(text, "--set");
+    bool known = false;
+    std::string names;
+    visit_parameters(m, [&](auto name, auto, double& value) {
+      if (name == s.name) {
+        value = s.value;
+        known = true;
+      }
+      names += (names.empty() ? "" : ", ") + std::string(name);
+    });
+    if (!known) {
+      throw UsageError("--set " + text + ": " + std::string(M::name) + " has no parameter '" + s.name + "'; it has " +
+                       names);
+    }
+  }
+}
+
+// Calls f(m) with the chosen model, its parameters set.
+template <class F>
+void with_model(const ModelChoice& choice, F&& f) {
+  const bool found = visit_model(choice.name, [&](auto m) {
+    set_parameters(m, choice.settings);
+    f(m);
+  });
+  if (!found) throw UsageError("there is no model '" + choice.name + "'; there are " + known_models());
+}
+
+// Writes text to a file, whole or not at all, or to standard output when path is "-".
+void write_text(const std::string& path, const std::string& text);
+inline void write_json(const std::string& path, const nlohmann::json& j) { write_text(path, j.dump(2) + "\n"); }
+
+// One line on a terminal, rewritten as work goes on; silent elsewhere.
+class Progress {
+ public:
+  explicit Progress(std::string what);
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+  void at(double fraction);
+
+ private:
+  std::string what_;
+  bool shown_ = false;
+  int last_ = -1;
+  bool terminal_;
+};
+
+// "%.6g" and friends, as a string.
+std::string number(double x, const char* format = "%.6g");
+std::string complex_number(double re, double im, int digits = 6);
+
+}  // namespace saltus::program
