@@ -153,25 +153,30 @@ void write_record(std::ostream& out, const Record& record) {
 void write_record(const fs::path& path, const Record& record) {
   const std::string file = path.string();
   const std::string text = checked_text(record, file);
+  const auto check = [&file](const std::error_code& fault) {
+    if (!fault) return;
+    throw RecordError(file, "the file cannot be written (" + fault.message() + ")",
+                      "check the directory, its rights and its room");
+  };
   std::error_code fault;
-  fs::path target = fs::weakly_canonical(path, fault);  // through a symbolic link, which shall stay one
-  if (fault) target = path;
+  const fs::path target = fs::weakly_canonical(path, fault);  // through a symbolic link, which shall stay one
+  check(fault);
   const fs::file_status status = fs::status(target, fault);
   if (fs::is_directory(status)) throw RecordError(file, "this is a directory", "name a file in it");
-  const bool device = fs::exists(status) && !fs::is_regular_file(status);  // /dev/stdout cannot be replaced
+  const bool device = fs::exists(status) && !fs::is_regular_file(status);  // such as /dev/stdout: it cannot be replaced
   const fs::path partial = device ? target : fs::path(target.string() + "." + std::to_string(::getpid()) + ".part");
 
   errno = 0;
   std::ofstream out(partial, std::ios::binary);
   out << text;
   out.close();
-  fault = std::error_code(out ? 0 : errno, std::generic_category());
-  if (out && !device) fs::rename(partial, target, fault);
-  if (out && !fault) return;
-  std::error_code ignored;
-  if (!device) fs::remove(partial, ignored);
-  throw RecordError(file, "the file cannot be written (" + fault.message() + ")",
-                    "check the directory, its rights and its room");
+  fault.assign(out ? 0 : errno != 0 ? errno : EIO, std::generic_category());
+  if (!fault && !device) fs::rename(partial, target, fault);
+  if (fault && !device) {
+    std::error_code ignored;
+    fs::remove(partial, ignored);
+  }
+  check(fault);
 }
 
 }  // namespace saltus

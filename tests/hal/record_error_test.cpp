@@ -185,6 +185,10 @@ TEST_CASE("columns and their declarations must agree") {
        "point"},
       {io + "experiment\tt\tu\ty\n", "test.csv:4:1: the column names are not separated by commas; ..."},
   });
+  std::string many = v1 + "# outputs: c2";  // 64 columns are accepted
+  for (int i = 3; i < 64; ++i) many += ",c" + std::to_string(i);
+  many += "\n" + many.substr(many.find("c2")).insert(0, "experiment,t,") + "\n0,0" + std::string(62, ',') + "\n";
+  CHECK(read(many).outputs.size() == 62);
   std::string wide = io + "experiment,t,u,y";
   for (int i = 4; i < 65; ++i) wide += ",c" + std::to_string(i);
   check({{wide + "\n", "test.csv:4:252: more than 64 columns; remove some"}});
@@ -256,17 +260,22 @@ TEST_CASE("rows out of order are refused") {
   });
 }
 
+TEST_CASE("without sections a cycle has any number of rows") {
+  const Record r = read(io + "experiment,cycle,t,u,y\n0,1,0,0,0\n0,1,1,0,0\n0,4,2,0,0\n");
+  CHECK(r.cycle == std::vector<int>{1, 1, 4});
+}
+
 TEST_CASE("the time of a clock-paced record must be that of its sections, within half of one") {
   const std::string off =
       "t is more than half a section off the time of its cycle and section; correct them, or the header's "
       "cycle-period-s or sections-per-cycle";
   check({
-      {clocked + "0,0,0,10,0,0\n0,0,1,10.76,0,0\n", "test.csv:9:7: " + off},
-      {clocked + "0,0,0,10,0,0\n0,0,1,10.24,0,0\n", "test.csv:9:7: " + off},
+      {clocked + "0,0,0,10,0,0\n0,0,1,10.7501,0,0\n", "test.csv:9:7: " + off},
+      {clocked + "0,0,0,10,0,0\n0,0,1,10.2499,0,0\n", "test.csv:9:7: " + off},
       {clocked + "0,0,0,10,0,0\n0,1,0,11,0,0\n", "test.csv:9:7: " + off},
       {clocked + "0,0,0,0,0,0\n0,0,1,1e308,0,0\n", "test.csv:9:7: " + off},
   });
-  CHECK(read(clocked + "0,5,3,10,0,0\n0,6,0,10.74,0,0\n0,6,2,11.26,0,0\n").rows() == 3);  // jitter, a gap, any start
+  CHECK(read(clocked + "0,5,3,10,0,0\n0,6,0,10.75,0,0\n0,6,2,11.25,0,0\n").rows() == 3);  // jitter, a gap, any start
   std::string events = clocked;
   events.replace(events.find("clock"), 5, "event");
   CHECK(read(events + "0,0,0,0,0,0\n0,0,1,77,0,0\n").rows() == 2);  // paced by something else

@@ -1,5 +1,8 @@
+#include <sys/resource.h>
+
 #include <bit>
 #include <cmath>
+#include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -218,6 +221,27 @@ TEST_CASE("a file is replaced as a whole or left as it was") {
   CHECK(scratch.files() == 1);
 }
 
+TEST_CASE("where the room runs out, the old file stays and no part of the new one") {
+  const Scratch scratch;
+  const fs::path path = scratch.path / "r.csv";
+  std::ofstream(path) << "old";
+  Record longer = full();
+  longer.notes.emplace_back("long", std::string(5000, 'x'));
+
+  rlimit room{};
+  REQUIRE(getrlimit(RLIMIT_FSIZE, &room) == 0);
+  const rlimit little{1000, room.rlim_max};  // [B] of any file
+  const auto former = std::signal(SIGXFSZ, SIG_IGN);
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &little) == 0);
+  const std::string message = refusal(path, longer);
+  REQUIRE(setrlimit(RLIMIT_FSIZE, &room) == 0);
+  std::signal(SIGXFSZ, former);
+
+  CHECK(message.find(": the file cannot be written (") != message.npos);
+  CHECK(content(path) == "old");
+  CHECK(scratch.files() == 1);
+}
+
 TEST_CASE("a place that cannot be written is named") {
   const Scratch scratch;
   CHECK(refusal(scratch.path, full()) == scratch.path.string() + ": this is a directory; name a file in it");
@@ -238,6 +262,12 @@ TEST_CASE("a symbolic link stays one, and a device is not replaced") {
   CHECK(fs::is_symlink(link));
   CHECK(content(target) == text_of(full()));
   CHECK(scratch.files() == 2);
+
+  const fs::path loop = scratch.path / "loop.csv";
+  fs::create_symlink(loop, loop);
+  CHECK(refusal(loop, full()).find(loop.string() + ": the file cannot be written (") == 0);
+  CHECK(fs::is_symlink(loop));
+  CHECK(scratch.files() == 3);
 
   write_record("/dev/null", full());
   CHECK(fs::is_character_file("/dev/null"));
