@@ -185,15 +185,18 @@ class RowReader {
   std::size_t previous_line_ = 0;  // of the row before
 };
 
+std::string message(std::string_view file, std::size_t line, std::size_t column, std::string_view what,
+                    std::string_view mend) {
+  std::string text(file);
+  if (line != 0) text.append(":").append(std::to_string(line)).append(":").append(std::to_string(column));
+  return text.append(": ").append(what).append("; ").append(mend);
+}
+
 }  // namespace
 
 RecordError::RecordError(std::string_view file, std::size_t line, std::size_t column, std::string_view what,
                          std::string_view mend)
-    : std::runtime_error(std::string(file) +
-                         (line == 0 ? "" : ":" + std::to_string(line) + ":" + std::to_string(column)) + ": " +
-                         std::string(what) + "; " + std::string(mend)),
-      line_(line),
-      column_(column) {}
+    : std::runtime_error(message(file, line, column, what, mend)), line_(line), column_(column) {}
 
 Record read_record(std::istream& in, std::string name) {
   Lines lines(in, std::move(name));

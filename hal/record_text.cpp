@@ -111,7 +111,8 @@ std::string lower(std::string_view s) {
 
 std::string excerpt(std::string_view s) {
   constexpr std::size_t longest = 40;
-  std::string out = "`" + std::string(s.substr(0, longest)) + (s.size() > longest ? "...`" : "`");
+  std::string out("`");
+  out.append(s.substr(0, longest)).append(s.size() > longest ? "...`" : "`");
   for (char& c : out) c = static_cast<unsigned char>(c) < 0x20 || static_cast<unsigned char>(c) > 0x7E ? '?' : c;
   return out;
 }
