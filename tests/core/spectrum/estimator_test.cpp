@@ -71,7 +71,7 @@ TEST_CASE("every cycle the estimate is the direct transform of the last period",
   };
   const std::vector<Setting> settings{
       {8, 12, 3, 0, {1, 2, 3, 4, 5, 7, 8, 9, 10, 11, 23}},  // a full pack and a broken one
-      {6, 7, 2, 6 * 5, {1, 2, 10}},                         // starts inside a block
+      {6, 7, 2, 30, {1, 2, 10}},                            // starts inside a block
       {5, 9, 2, -5 * 9 * 4 + 5 * 3, {4, -2, 100}},          // before zero; lines of any sign and size
       {1, 12, 0, 7, {1, 5}},
       {8, 1, 3, 16, {0, 1}},
@@ -113,7 +113,8 @@ TEST_CASE("a cosine a cos(omega n + phi) reads (a/2) exp(i phi), wherever the re
   REQUIRE(u.add({7, 3.0, 0.8}));
   for (const std::int64_t start : {0, 3 * N, -5 * N}) {
     REQUIRE(e->configure(N, P, lines, 1) == Status::ok);
-    for (std::int64_t n = start; n < start + N * P; ++n) REQUIRE(e->push(n, {u(n), 2.0 * u(n)}) == Status::ok);
+    for (std::int64_t n = start; n < start + std::int64_t{N} * P; ++n)
+      REQUIRE(e->push(n, {u(n), 2.0 * u(n)}) == Status::ok);
     REQUIRE(e->valid());
     CHECK(std::abs(e->line(0, 0, 0) - std::polar(1.5, 0.8)) < 1e-15);
     CHECK(std::abs(e->line(0, 1, 0)) < 1e-15);
@@ -358,7 +359,7 @@ TEST_CASE("nothing drifts in a hundred million samples", "[estimator]") {
 
   HtfEstimator<1, 1, 1, N, P> old, young;
   HtfEstimator<1, 1, 1, N, P, float> old_single, young_single;
-  const std::int64_t end = count / N * N + N * 3;  // in the middle of a block
+  const std::int64_t end = count / N * N + std::int64_t{3} * N;  // in the middle of a block
   const auto run = [&](auto& e, std::int64_t from) {
     REQUIRE(e.configure(N, P, lines, 1) == Status::ok);
     std::size_t i = static_cast<std::size_t>(from % 9973);

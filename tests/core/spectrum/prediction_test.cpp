@@ -48,17 +48,19 @@ class MeasuredHtf {
       for (int m = 0; m < N; ++m) {
         Complex sum{};
         for (int n = 0; n < L; ++n) sum += y[static_cast<std::size_t>(n)] * wave(-(q + m * P) * n) / double{L};
-        h_[static_cast<std::size_t>(m * L + q)] = sum;
+        h_[at(m, q)] = sum;
       }
     }
   }
   Complex operator()(int m, std::int64_t q) const {
     REQUIRE(2 * q > -L);
     REQUIRE(2 * q <= L);
-    return h_[static_cast<std::size_t>(((m + N) % N) * L + (q + L) % L)];
+    return h_[at((m + N) % N, (q + L) % L)];
   }
 
  private:
+  static std::size_t at(std::int64_t m, std::int64_t q) { return static_cast<std::size_t>(m * L + q); }
+
   std::array<Complex, static_cast<std::size_t>(N) * L> h_{};
 };
 
