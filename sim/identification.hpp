@@ -85,6 +85,11 @@ struct Identification {
   std::int64_t samples = 0;  // measured, settling not counted
   Status worst = Status::ok;
 
+  // True when repeats told the noise, so that standard errors are known.
+  bool noise_known() const {
+    return !htf.empty() && std::isfinite(htf.front().sigma) && htf.front().sigma > 0.0;
+  }
+
   // Values of one harmonic and output, by rising line.
   std::vector<HtfEstimate> select(int m, int output) const;
 };

@@ -13,7 +13,7 @@ struct MultiplierFit {
   std::string form;                  // "2 poles, 1 zero" or "image poles"
   int output = 0;                    // whose H_0 was fitted
   std::vector<Complex> multipliers;  // by falling modulus
-  std::vector<double> sigma;         // sqrt(E |error|^2) from the misfit of the fit
+  std::vector<double> sigma;         // sqrt(E |error|^2), from the scatter about the fit: bias left out
   double rms = 0.0;                  // of the misfit [output unit / input unit]
   Status status = Status::failed;
   std::vector<std::pair<double, Complex>> curve;  // f [cycles a cycle], fitted H_0, over the band of the data

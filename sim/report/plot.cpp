@@ -47,7 +47,8 @@ void Figure::write_svg(const std::string& path) const {
       std::fprintf(out, "set title %s\nset xlabel %s\nset ylabel %s\n", quoted(p.title).c_str(),
                    quoted(p.x_label).c_str(), quoted(p.y_label).c_str());
       std::fputs(
-          "unset logscale\nset autoscale\nset size noratio\nset key default opaque box lc rgb '#cccccc' samplen 2\n",
+          "unset logscale\nset autoscale\nset size noratio\nset format '%g'\nset xtics auto\nset ytics auto\nset key "
+          "default opaque box lc rgb '#cccccc' samplen 2\n",
           out);
       std::fprintf(out, "%s\n", p.settings.c_str());
       const char* lead = "plot ";

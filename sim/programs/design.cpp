@@ -1,0 +1,92 @@
+// saltus design: the stimuli of a campaign, obeying the rules under which every line can be told apart.
+#include <cstdio>
+
+#include "plan_options.hpp"
+
+namespace saltus::program {
+namespace {
+
+struct Options {
+  PlanOptions plan;
+  std::string csv, samples, json;
+};
+
+void run(const Options& o) {
+  Plan plan;
+  try {
+    plan = make_plan(o.plan);
+  } catch (const std::invalid_argument& e) {
+    throw UsageError(e.what());
+  }
+  std::string csv = "experiment,line,f,amplitude,phase\n";
+  std::string series = "experiment,sample,u\n";
+  nlohmann::json json{{"sections_per_cycle", o.plan.sections},
+                      {"stimulus_period_cycles", o.plan.period},
+                      {"lines", plan.lines()},
+                      {"least_experiments", plan.bound.size},
+                      {"experiments", nlohmann::json::array()}};
+  std::vector<double> u(static_cast<std::size_t>(o.plan.sections * o.plan.period));
+  double crest_low = 1e300, crest_high = 0.0, peak = 0.0;
+  int fewest = max_tones, most = 0;
+  for (std::size_t e = 0; e < plan.experiments.size(); ++e) {
+    const auto& s = plan.experiments[e];
+    for (std::size_t n = 0; n < u.size(); ++n) {
+      u[n] = s(static_cast<std::int64_t>(n));
+      peak = std::max(peak, std::abs(u[n]));
+      if (!o.samples.empty())
+        series += std::to_string(e) + "," + std::to_string(n) + "," + number(u[n], "%.17g") + "\n";
+    }
+    nlohmann::json tones = nlohmann::json::array();
+    for (int k = 0; k < s.tones(); ++k) {
+      const Tone& t = s.tone(k);
+      const double f = static_cast<double>(t.line) / o.plan.period;
+      csv += std::to_string(e) + "," + std::to_string(t.line) + "," + number(f, "%.9g") + "," +
+             number(t.amplitude, "%.17g") + "," + number(t.phase, "%.17g") + "\n";
+      tones.push_back({{"line", t.line}, {"f", f}, {"amplitude", t.amplitude}, {"phase", t.phase}});
+    }
+    const double crest = crest_factor(u);
+    json["experiments"].push_back({{"crest_factor", crest}, {"tones", tones}});
+    crest_low = std::min(crest_low, crest);
+    crest_high = std::max(crest_high, crest);
+    fewest = std::min(fewest, s.tones());
+    most = std::max(most, s.tones());
+  }
+  if (o.csv != "-" && o.json != "-" && o.samples != "-") {
+    std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n", plan.lines(),
+                o.plan.period, o.plan.band);
+    std::printf(
+        "%zu experiments of %d to %d tones; no plan has fewer than %d: that many lines exclude one another (class %d "
+        "of %d)\n",
+        plan.experiments.size(), fewest, most, plan.bound.size, plan.bound.residue, o.plan.period);
+    std::printf("amplitude %g a tone, crest factor %.2f to %.2f, largest sample %.4g\n", o.plan.amplitude, crest_low,
+                crest_high, peak);
+  }
+  if (!o.csv.empty()) write_text(o.csv, csv);
+  if (!o.samples.empty()) write_text(o.samples, series);
+  if (!o.json.empty()) write_json(o.json, json);
+}
+
+}  // namespace
+
+void add_design(CLI::App& app) {
+  auto* command = app.add_subcommand("design", "A set of stimuli whose lines can all be told apart");
+  command->footer("Without --subsets: the fewest experiments possible. Example: saltus design --csv tones.csv");
+  auto o = std::make_shared<Options>();
+  add_plan_options(*command, o->plan);
+  command->add_option("--sections-per-cycle", o->plan.sections, "samples a cycle")
+      ->check(CLI::Range(2, 4096))
+      ->capture_default_str();
+  command
+      ->add_option("--subsets", o->plan.subsets,
+                   "deal the lines at random into so many experiments, as the paper does into 80")
+      ->check(CLI::Range(1, 4096));
+  command->add_flag("--opposed", o->plan.opposed,
+                    "add each stimulus with its sign reversed: even-order distortion cancels");
+  command->add_option("--csv", o->csv, "write experiment,line,f,amplitude,phase to FILE, - for standard output")
+      ->type_name("FILE");
+  command->add_option("--samples", o->samples, "write experiment,sample,u over one period to FILE")->type_name("FILE");
+  command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
+  command->callback([o] { run(*o); });
+}
+
+}  // namespace saltus::program

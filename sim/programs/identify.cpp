@@ -1,0 +1,225 @@
+// saltus identify MODEL: drives a machine, or reads a record of one, and identifies its harmonic transfer functions.
+#include "identify.hpp"
+
+#include "../record_identification.hpp"
+
+namespace saltus::program {
+namespace {
+
+// The channels of a record must be the model's, by name: a swapped or foreign column is not guessed at.
+template <class M>
+void match_channels(const Record& record) {
+  const auto names = [](const auto& channels) {
+    std::string s;
+    for (const auto& c : channels) s += (s.empty() ? "" : ", ") + std::string(c.name);
+    return s;
+  };
+  if (!record.model.empty() && record.model != M::name) {
+    throw RecordError(record.name, "it is a record of the model '" + record.model + "', not of " + std::string(M::name),
+                      "name that model on the command line");
+  }
+  const auto same = [](const auto& a, const auto& b) {
+    if (a.size() != b.size()) return false;
+    for (std::size_t i = 0; i < a.size(); ++i) {
+      if (std::string_view(a[i].name) != b[i].name) return false;
+    }
+    return true;
+  };
+  if (!same(record.inputs, M::inputs)) {
+    throw RecordError(
+        record.name,
+        "its inputs are " + names(record.inputs) + "; those of " + std::string(M::name) + " are " + names(M::inputs),
+        "correct the line `# inputs`");
+  }
+  if (!same(record.outputs, M::outputs)) {
+    throw RecordError(
+        record.name,
+        "its outputs are " + names(record.outputs) + "; those of " + std::string(M::name) + " are " + names(M::outputs),
+        "correct the line `# outputs`");
+  }
+}
+
+template <class M>
+void run_record(const M& m, const IdentifyOptions& o) {
+  const Record record = read_record(std::filesystem::path(o.record));
+  match_channels<M>(record);
+  Identified r;
+  r.sections = "clock";
+  r.title = "isochrons";
+  describe_channels<M>(r);
+  r.id = identify_record(record, o.campaign.harmonics);
+  if constexpr (clocked<M>) {
+    const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
+    const auto orbit =
+        find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), ClockPhases{sections_per_cycle}, *system);
+    if (orbit.status == Status::ok) {
+      compare<M>(r, *system);
+    } else {
+      r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
+    }
+  }
+  const bool quiet = o.json == "-" || o.csv == "-";
+  if (!quiet) {
+    std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; %lld samples used, %lld missing\n",
+                o.record.c_str(), record.rows(), r.id.sections, r.id.period, static_cast<long long>(r.id.samples),
+                static_cast<long long>(r.id.missing));
+    for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+    print_standard_errors(r);
+    print_multipliers(r);
+  }
+  if (!o.csv.empty()) write_text(o.csv, csv_of(r));
+  if (!o.json.empty()) {
+    nlohmann::json j = json_of(r);
+    j["model"] = M::name;
+    j["record"] = o.record;
+    write_json(o.json, j);
+  }
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r));
+}
+
+Record new_record(std::string_view model, const Plan& plan, const IdentifyOptions& o, double period, const auto& inputs,
+                  const auto& outputs) {
+  Record r;
+  r.model = model;
+  r.sections = "clock";
+  r.sections_per_cycle = plan.options.sections;
+  r.cycle_period = period;
+  r.stimulus_period_cycles = plan.options.period;
+  r.settle_cycles = static_cast<int>(o.campaign.settle);
+  for (const Quantity& q : inputs) r.inputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  return r;
+}
+
+template <class M>
+void run_rig(const M& m, IdentifyOptions o) {
+  const bool paper = o.protocol == "paper";
+  Plan plan;
+  try {
+    plan = make_plan(o.plan);
+  } catch (const std::invalid_argument& e) {
+    throw UsageError(e.what());
+  }
+  const bool quiet = o.json == "-" || o.csv == "-";
+  if (!quiet) {
+    std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = %g, %g %s a tone%s\n",
+                std::string(M::name).c_str(), plan.experiments.size(), static_cast<long long>(o.campaign.settle),
+                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines(), o.plan.band, o.plan.amplitude,
+                std::string(M::inputs[0].unit).c_str(), o.plan.opposed ? ", each also with its sign reversed" : "");
+  }
+  std::vector<Identified> families;
+  std::vector<HtfPanel> panels;
+  nlohmann::json json = nlohmann::json::array();
+  o.sections.visit<M>([&](const auto& family) {
+    const bool first = families.empty();
+    constexpr bool on_clock = std::decay_t<decltype(family)>::on_grid;
+    if (!o.save.empty() && !on_clock) throw UsageError("--save: a record is paced by the clock; use --sections clock");
+    Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
+    const Identified r = identify_rig(m, family, o, plan, o.save.empty() ? nullptr : &record);
+    if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
+    if (!quiet) {
+      std::printf("%s\n", r.title.c_str());
+      print_errors(r);
+      if (!o.campaign.noise.empty()) print_standard_errors(r);
+      print_multipliers(r);
+    }
+    if (!o.csv.empty()) write_text(first ? o.csv : beside(o.csv, r.sections), csv_of(r));
+    nlohmann::json j = json_of(r);
+    j["model"] = M::name;
+    json.push_back(j);
+    for (const HtfPanel& p : panels_of(r)) panels.push_back(p);
+    families.push_back(r);
+  });
+  if (!quiet && paper) print_paper_table(families);
+  if (!o.json.empty()) write_json(o.json, json.size() == 1 ? json[0] : json);
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels);
+}
+
+void run(const IdentifyOptions& given, const CLI::App& command) {
+  IdentifyOptions o = given;
+  if (o.link != "inproc") {
+    throw UsageError("--link " + o.link +
+                     ": this version drives the emulated machine in its own process; use --link inproc");
+  }
+  // What the protocol stands for, unless said otherwise.
+  const auto untouched = [&](const char* option) { return command.count(option) == 0; };
+  if (o.protocol == "paper") {
+    if (untouched("--sections")) o.sections.family = "both";
+    if (untouched("--subsets")) o.plan.subsets = 80;
+    if (untouched("--settle")) o.campaign.settle = 20;
+  } else if (untouched("--subsets")) {
+    o.plan.opposed = true;
+  }
+  o.campaign.ticks = o.model.ticks;
+  o.campaign.seed = o.plan.seed;
+  if (untouched("--periods") && !o.campaign.noise.empty()) o.campaign.periods = 4;
+  with_model(o.model, [&](auto m) {
+    using M = decltype(m);
+    if constexpr (input_count<M> == 1) {
+      if (!o.campaign.noise.empty() && o.campaign.noise.size() != static_cast<std::size_t>(output_count<M>)) {
+        throw UsageError("--noise: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
+                         " outputs; give one number for each");
+      }
+      if (o.record.empty()) {
+        run_rig(m, o);
+      } else {
+        run_record(m, o);
+      }
+    } else {
+      throw RunError(std::string(M::name) + " has no input to drive; choose a model that has one");
+    }
+  });
+}
+
+}  // namespace
+
+void add_identify(CLI::App& app) {
+  auto* command =
+      app.add_subcommand("identify", "Drive a machine or read its record; identify its harmonic transfer functions");
+  command->footer(
+      "sigma in the CSV file is sqrt(E|error|^2) of the complex value; its real and imaginary parts each have sigma / "
+      "sqrt(2).\n"
+      "Examples: saltus identify hopper --protocol paper --pictures out\n"
+      "          saltus identify hopper --noise 0.001,0.006 --save run.csv\n"
+      "          saltus identify hopper --record run.csv --csv htf.csv");
+  auto o = std::make_shared<IdentifyOptions>();
+  o->model.add_to(*command);
+  command->add_option("--record", o->record, "read a measured record instead of driving a machine")->type_name("FILE");
+  command->add_option("--link", o->link, "the machine: inproc, an emulated one in this process")->capture_default_str();
+  command
+      ->add_option("--protocol", o->protocol,
+                   "optimal: the fewest experiments, each played with both signs; paper: 80 random subsets, 20 of 84 "
+                   "cycles dropped, "
+                   "both phases")
+      ->check(CLI::IsMember({"optimal", "paper"}))
+      ->capture_default_str();
+  o->sections.add_to(*command, true);
+  add_plan_options(*command, o->plan);
+  command->add_option("--subsets", o->plan.subsets, "deal the lines at random into so many experiments")
+      ->check(CLI::Range(1, 4096));
+  command->add_option("--settle", o->campaign.settle, "cycles played before listening")
+      ->check(CLI::Range(0, 100000))
+      ->capture_default_str();
+  command
+      ->add_option("--periods", o->campaign.periods,
+                   "stimulus periods listened to; with noise at least 2 (default then: 4)")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  command->add_option("--harmonics", o->campaign.harmonics, "H_-K ... H_K")
+      ->type_name("K")
+      ->check(CLI::Range(0, max_harmonics))
+      ->capture_default_str();
+  command
+      ->add_option("--noise", o->campaign.noise,
+                   "standard deviation of each output of the emulated machine, in its unit")
+      ->delimiter(',')
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
+  command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
+      ->type_name("FILE");
+  command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
+  command->add_option("--pictures", o->pictures, "draw htf.svg and fit.svg into FOLDER")->type_name("FOLDER");
+  command->callback([o, command] { run(*o, *command); });
+}
+
+}  // namespace saltus::program
