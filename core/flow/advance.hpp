@@ -2,12 +2,15 @@
 //
 // A guard is positive inside its chart; an edge is taken at the first t* in (t, t + h] where its guard is no longer
 // positive. Armed = positive at the start, or positive a moment (h / 2^20) into the step; recomputed each time, never
-// stored. The earliest edge wins, ties go to the one declared first; then what is left of the interval goes on in the
-// next chart. At most eight crossings an interval.
+// stored. The earliest edge wins, ties go to the one declared first, and the others follow at the same instant if their
+// guards still fall in the chart reached; then what is left of the interval goes on. At most eight crossings.
+// A state on or behind a guard that is not armed has escaped when it ends the interval behind it, or began it there.
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 
 #include "../hybrid/point.hpp"
 #include "../status.hpp"
@@ -35,9 +38,18 @@ struct Passage {
 // A watch is a surface that stops the interval without changing the state: value(m, C, x, u), falling through zero.
 struct Unwatched {};
 
+// The grid that an interval is part of.
+struct Landing {
+  double whole = 0.0;  // [s] length of the grid's intervals, where this one is only the rest of one
+  double clock = std::numeric_limits<double>::quiet_NaN();  // [rad] what the clock is set to at the end, if it is
+};
+
 namespace flow {
+// A leg: from the point to the first event, the watch or the end of the interval. `owed`: edges that tie with the event
+// which began the leg, one bit each.
 template <class M, class C, class Watch>
-void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch, C c, Passage& r) noexcept {
+void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch, const Landing& landing, C c,
+         std::uint64_t& owed, Passage& r) noexcept {
   constexpr int n = C::dim;
   const auto f = [&](const Vec<n>& x) noexcept -> Vec<n> { return m.flow(c, x, u); };
   const double left = h - r.elapsed;
@@ -49,24 +61,45 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     r.status = Status::diverged;
     return;
   }
-  const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}};
+  // The guards judge the very state that the next interval starts from, or a crossing could fall between the two.
+  Vec<n> end = x1;
+  if constexpr (HasClock<C>) {
+    if (std::isfinite(landing.clock)) end[clock_of<C>()] = landing.clock;
+  }
+  const double moment = crossing::moment * std::fmax(h, landing.whole);
+  const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, moment};
   using Kind = typename Crossing<n>::Kind;
-  constexpr double tie = 0x1p-46;  // [-] of the step: crossings closer than this are simultaneous
+  constexpr double tie = 0x1p-44;  // [-] of the step: crossings closer than this are simultaneous
   Crossing<n> first;
   int edge = -1;
   Status status = Status::ok;
+  std::uint64_t tied = 0;
+  std::uint64_t unarmed = 0;
 
   int index = 0;
   visit_each(typename M::Edges{}, [&](auto e) {
     using E = decltype(e);
     if constexpr (std::is_same_v<typename E::from, C>) {
-      const Crossing<n> found = locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); });
+      const auto guard = [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); };
+      const std::uint64_t bit = std::uint64_t{1} << index;
+      Crossing<n> found;
+      if ((owed & bit) != 0 && guard(x0) <= 0.0 && guard(Vec<n>(x0 + f0 * moment)) <= 0.0) {
+        found.kind = Kind::crossed;
+        found.s = 0.0;
+        found.x = x0;
+      } else {
+        found = locate<n>(step, guard);
+      }
       if (found.kind == Kind::escaped) status = worse(status, Status::escaped);
       if (found.kind == Kind::diverged) status = worse(status, Status::diverged);
+      if (found.kind == Kind::unarmed) unarmed |= bit;
       if (found.kind == Kind::none && found.grazing) r.status = worse(r.status, Status::grazing);
       if (found.kind == Kind::crossed && found.s < first.s - tie) {
         first = found;
         edge = index;
+        tied = 0;
+      } else if (found.kind == Kind::crossed && found.s <= first.s + tie) {
+        tied |= bit;
       }
     }
     ++index;
@@ -81,31 +114,39 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
       met = true;
     }
   }
+  const bool ends = !met && edge < 0;
+  if (ends) first.x = end;
+  if (unarmed != 0) {
+    index = 0;
+    visit_each(typename M::Edges{}, [&](auto e) {
+      if constexpr (std::is_same_v<typename decltype(e)::from, C>) {
+        if ((unarmed >> index & 1) != 0 && m.guard(e, first.x, u) < 0.0) status = worse(status, Status::escaped);
+      }
+      ++index;
+    });
+  }
+  owed = tied;
 
-  if (!met && edge < 0) {
+  if (!usable(status)) {
     r.status = worse(r.status, status);
-    if (!usable(status)) return;
-    p.set(c, x1);
+    return;
+  }
+  if (ends) {
+    p.set(c, end);
     r.elapsed = h;
     return;
   }
-  if (status == Status::diverged) {
-    r.status = status;
-    return;
-  }
-  if (met) {
-    if (first.grazing) r.status = worse(r.status, Status::grazing);
-    p.set(c, first.x);
-    r.elapsed += first.s * left;
-    r.met = true;
-    return;
-  }
-  if (r.events == max_crossings) {
+  if (!met && r.events == max_crossings) {
     r.status = Status::zeno;
     return;
   }
   if (first.grazing) r.status = worse(r.status, Status::grazing);
   r.elapsed = first.s < 1.0 ? r.elapsed + first.s * left : h;
+  if (met) {
+    p.set(c, first.x);
+    r.met = true;
+    return;
+  }
   r.event[static_cast<std::size_t>(r.events++)] = Event{edge, r.elapsed};
   visit_at(typename M::Edges{}, edge, [&](auto e) {
     using E = decltype(e);
@@ -122,12 +163,17 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
 }  // namespace flow
 
 // Moves p through h seconds with the input held at u. Statuses: ok; grazing (an event, or a miss, was nearly
-// tangential); zeno, escaped, diverged: p stands where the trouble was met, `elapsed` says when.
+// tangential); zeno, escaped, diverged: p stands where the trouble was met, `elapsed` says when; failed: there is no
+// such chart, or h is negative or not a number.
 template <class M, class Watch = Unwatched>
-Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch = {}) noexcept {
+Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch = {},
+                const Landing& landing = {}) noexcept {
+  static_assert(M::Edges::size <= 64);
   Passage r;
+  if (!(h >= 0.0) || p.chart < 0 || p.chart >= M::Charts::size) r.status = Status::failed;
+  std::uint64_t owed = 0;
   while (usable(r.status) && !r.met && r.elapsed < h) {
-    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, c, r); });
+    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, landing, c, owed, r); });
   }
   return r;
 }
@@ -170,7 +216,9 @@ void set_clock(Point<M>& p, const Timebase& base, std::int64_t tick) noexcept {
 template <class M, class Watch = Unwatched>
 Passage step(const M& m, Run<M>& run, const Input<M>& u, const Timebase& base, const Watch& watch = {}) noexcept {
   const double dt = base.dt();
-  const Passage r = advance(m, run.at, u, dt - run.into, watch);
+  Landing landing{dt};
+  if (base.sets_clock) landing.clock = base.phase(run.tick + 1);
+  const Passage r = advance(m, run.at, u, dt - run.into, watch, landing);
   run.ledger.note(r.status, run.tick);
   if (r.met) {
     run.into += r.elapsed;

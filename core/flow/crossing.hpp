@@ -4,7 +4,8 @@
 // the flow, and then polished on re-integrated steps, still inside its bracket. The state found lies on the far side
 // (guard <= 0), so that nothing has to nudge it. Guaranteed: a guard armed at the start and non-positive at the end of
 // the step is never missed; a guard that dips below zero and returns within the step is found when the dip is its only
-// one in the step and deeper than the error of the cubic, and reported as grazing when it is about as deep.
+// one in the step, however shallow, down to 1e-6 of the guard's scale in the step; shallower ones are reported as
+// grazing or, below the rounding of the cubic, not at all. When a guard falls twice in a step, the first fall counts.
 #pragma once
 
 #include <cmath>
@@ -19,6 +20,8 @@ template <int N, class F>
 struct Step {
   const F& f;
   Hermite<N> curve;  // the step, and its length curve.h [s]
+  Vec<N> end;        // the state handed on at the end: curve.x1, but for a clock that is set
+  double moment;     // [s] how long a guard at zero has to rise to be armed; the whole interval is 2^20 moments
 
   Vec<N> reintegrated(double s) const noexcept { return rk4<N, double>(f, curve.x0, curve.f0, s * curve.h); }
 };
@@ -26,33 +29,48 @@ struct Step {
 // Found or not, and where.
 template <int N>
 struct Crossing {
-  enum class Kind : unsigned char { none, crossed, escaped, diverged };
+  enum class Kind : unsigned char {
+    none,
+    crossed,
+    unarmed,   // positive neither at the start nor a moment later: fine unless it ends below zero
+    escaped,   // the whole interval began below zero
+    diverged,  // the guard is not finite
+  };
   Kind kind = Kind::none;
-  bool grazing = false;  // the crossing is nearly tangential: its time is ill-conditioned
+  bool grazing = false;  // the crossing, or a miss, is nearly tangential: its time is ill-conditioned
   double s = 2.0;        // [-] fraction of the step
   Vec<N> x;              // the state at s, guard(x) <= 0
 };
 
 namespace crossing {
-inline constexpr double moment = 0x1p-20;     // [-] of a step: how long a guard at zero has to rise to be armed
-inline constexpr int halvings = 52;           // on the cubic
-inline constexpr int polishes = 6;            // re-integrated steps, at most, before bisection by re-integration
-inline constexpr double hair = 0x1p-50;       // [-] of a step: the aim beyond the root, so that the far side is reached
+inline constexpr double moment = 0x1p-20;     // [-] of an interval: how long a guard at zero has to rise to be armed
+inline constexpr double sliver = 0x1p-20;     // [-] of a step, for the slope of a guard
+inline constexpr int halvings = 52;           // of a bracket, to the last bits
+inline constexpr int polishes = 6;            // re-integrated steps by the slope, at most, before halving with them
+inline constexpr double hair = 0x1p-48;       // [-] of a step: the aim beyond the root, so that the far side is reached
 inline constexpr double tangential = 1e-5;    // [-] slope at the crossing over the steepest slope of the step
+inline constexpr double near = 1e-2;          // [-] of the guard's scale: the cubic alone is not trusted below this
 inline constexpr double doubtful_dip = 1e-6;  // [-] of the guard's scale: a dip this shallow is reported as grazing
+inline constexpr double outside = 1e-9;       // [-] of the guard's scale: a start this far below zero is no rounding
 
-// Smallest value of g along the cubic near its local minimum, if it has one inside the step: s, or -1.
-// g0, g1: guard at the ends; d0, d1: its slopes there per unit of s.
-inline double dip(double g0, double d0, double g1, double d1) noexcept {
+// Local minimum of a guard inside a step.
+struct Dip {
+  double s = -1.0;     // [-] fraction of the step; -1: there is none
+  double reach = 0.0;  // [-] how far around it the slope rises: to the inflection
+};
+
+// That of the cubic through two values and two slopes per unit of s.
+inline Dip dip(double g0, double d0, double g1, double d1) noexcept {
   // g(s) = g0 + d0 s + c2 s^2 + c3 s^3, and its minimum where the derivative vanishes with positive curvature.
   const double c2 = 3.0 * (g1 - g0) - 2.0 * d0 - d1;
   const double c3 = d0 + d1 - 2.0 * (g1 - g0);
   const double disc = c2 * c2 - 3.0 * c3 * d0;
-  if (!(disc > 0.0)) return -1.0;
+  if (!(disc > 0.0)) return {};
   const double root = std::sqrt(disc);
   // (-c2 + root) / (3 c3) is the minimum; written so that c3 -> 0 is harmless.
   const double s = c2 > 0.0 ? -d0 / (c2 + root) : (c3 != 0.0 ? (root - c2) / (3.0 * c3) : -1.0);
-  return s > 0.0 && s < 1.0 ? s : -1.0;
+  if (!(s > 0.0 && s < 1.0)) return {};
+  return {s, root < 0.75 * std::abs(c3) ? root / (3.0 * std::abs(c3)) : 0.25};
 }
 }  // namespace crossing
 
@@ -60,111 +78,95 @@ inline double dip(double g0, double d0, double g1, double d1) noexcept {
 template <int N, class F, class G>
 Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
   using Kind = typename Crossing<N>::Kind;
-  constexpr double moment = crossing::moment;
+  constexpr double sliver = crossing::sliver;
   Crossing<N> found;
   const auto& curve = step.curve;
   const auto on_curve = [&](double s) { return guard(curve(s)); };
+  const auto slope_at = [&](double s) {
+    const double before = std::fmax(0.0, s - sliver);
+    const double after = std::fmin(1.0, s + sliver);
+    return (on_curve(after) - on_curve(before)) / (after - before);
+  };
 
   const double g0 = guard(curve.x0);
-  const double ga = on_curve(moment);
-  const double gb = on_curve(1.0 - moment);
-  const double g1 = guard(curve.x1);
-  if (!(std::isfinite(g0) && std::isfinite(ga) && std::isfinite(gb) && std::isfinite(g1))) {
+  const double g1 = guard(step.end);
+  const double d0 = (on_curve(sliver) - g0) / sliver;  // slopes per unit of s
+  const double d1 = (g1 - on_curve(1.0 - sliver)) / sliver;
+  const double scale = std::fmax(std::fmax(std::abs(g0), std::abs(g1)), std::fmax(std::abs(d0), std::abs(d1)));
+  if (!(std::isfinite(g0) && std::isfinite(g1) && std::isfinite(d0) && std::isfinite(d1))) {
     found.kind = Kind::diverged;
     return found;
   }
-  if (!(g0 > 0.0) && !(ga > 0.0)) {  // unarmed
-    if (g1 < 0.0) found.kind = Kind::escaped;
-    return found;
+  double lo = 0.0;
+  if (!(g0 > 0.0)) {
+    if (curve.h <= step.moment) return found;  // too short to tell: the next interval will
+    lo = step.moment / curve.h;
+    if (!(on_curve(lo) > 0.0)) {
+      const bool whole = lo <= crossing::moment;
+      found.kind = whole && g0 < -crossing::outside * scale ? Kind::escaped : Kind::unarmed;
+      return found;
+    }
   }
 
-  const double d0 = (ga - g0) / moment;  // slopes per unit of s
-  const double d1 = (g1 - gb) / moment;
-  const double scale = std::fmax(std::fmax(std::abs(g0), std::abs(g1)), std::fmax(std::abs(d0), std::abs(d1)));
-  double lo = g0 > 0.0 ? 0.0 : moment;
+  // The far end of the bracket: the bottom of a dip that reaches below zero, else the end of the step.
   double hi = 1.0;
-  if (g1 > 0.0) {
-    // Both ends inside: has it dipped below zero between them?
-    const double s = crossing::dip(g0, d0, g1, d1);
-    if (s < 0.0) return found;
-    double left = std::fmax(lo, s - 0.25);
-    double right = std::fmin(1.0, s + 0.25);
+  found.x = step.end;
+  if (const crossing::Dip dip = crossing::dip(g0, d0, g1, d1); dip.s > lo) {
+    double left = std::fmax(lo, dip.s - dip.reach);
+    double right = std::fmin(1.0, dip.s + dip.reach);
     for (int i = 0; i < crossing::halvings / 2; ++i) {  // bisection on the slope: half the digits give all of the depth
       const double mid = 0.5 * (left + right);
-      const double before = std::fmax(0.0, mid - moment);
-      const double after = std::fmin(1.0, mid + moment);
-      (on_curve(after) > on_curve(before) ? right : left) = mid;
+      (slope_at(mid) > 0.0 ? right : left) = mid;
     }
-    hi = 0.5 * (left + right);
-    double depth = on_curve(hi);
-    if (depth > crossing::doubtful_dip * 10.0 * scale) return found;
-    depth = guard(step.reintegrated(hi));  // near zero the cubic is not trusted
-    found.grazing = std::abs(depth) < crossing::doubtful_dip * scale;
-    if (!(depth <= 0.0)) return found;
-    if (on_curve(hi) > 0.0) {  // the cubic stays above zero, the flow does not: the bottom is the crossing
-      found.kind = Kind::crossed;
-      found.s = hi;
-      found.x = step.reintegrated(hi);
-      return found;
+    const double bottom = 0.5 * (left + right);
+    if (!(on_curve(bottom) > crossing::near * scale)) {
+      const Vec<N> x = step.reintegrated(bottom);
+      const double depth = guard(x);
+      found.grazing = std::abs(depth) < crossing::doubtful_dip * scale;
+      if (!(depth > 0.0)) {
+        hi = bottom;
+        found.x = x;
+      }
     }
   }
+  if (hi == 1.0 && g1 > 0.0) return found;
 
+  double inner = lo;
+  double s = hi;
   for (int i = 0; i < crossing::halvings; ++i) {
-    const double mid = 0.5 * (lo + hi);
-    (on_curve(mid) > 0.0 ? lo : hi) = mid;
+    const double mid = 0.5 * (inner + s);
+    (on_curve(mid) > 0.0 ? inner : s) = mid;
   }
   // Polish on the step itself. The bracket is opened again: the cubic is off by its own error.
-  double s = hi;
-  const double slope = (on_curve(std::fmin(1.0, s + moment)) - on_curve(std::fmax(0.0, s - moment))) /
-                       (std::fmin(1.0, s + moment) - std::fmax(0.0, s - moment));
-  found.grazing = found.grazing || std::abs(slope) < crossing::tangential * scale;
-  lo = g0 > 0.0 ? 0.0 : moment;
-  hi = 1.0;
-  bool far = g1 <= 0.0;  // hi is known to lie on the far side
-  Vec<N> x = curve.x1;
+  double slope = slope_at(s);
   double aim = crossing::hair;
-  for (int i = 0; i < crossing::polishes; ++i) {
+  s = std::fmin(s, hi - 2.0 * aim);
+  for (int i = 0; i < crossing::polishes + crossing::halvings && hi - lo > 4.0 * crossing::hair; ++i) {
+    if (!(s > lo && s < hi)) s = 0.5 * (lo + hi);
     const Vec<N> trial = step.reintegrated(s);
     const double g = guard(trial);
-    if (g <= 0.0) {
-      hi = s;
-      far = true;
-      x = trial;
-    } else {
+    if (g > 0.0) {
       lo = s;
       aim *= 2.0;
-    }
-    const double correction = slope < 0.0 ? -g / slope : 0.0;
-    if (g <= 0.0 && std::abs(correction) < 4.0 * aim) {
-      found.kind = Kind::crossed;
-      found.s = s;
-      found.x = trial;
-      return found;
-    }
-    double next = s + correction + aim;
-    if (!(next > lo && next < hi)) next = far && !(s == hi && next >= hi) ? 0.5 * (lo + hi) : std::fmin(1.0, next);
-    if (next > 1.0) next = 1.0;
-    s = next;
-  }
-  // Slow or hardly falling: plain bisection by re-integration. Rare, and bounded all the same.
-  if (!far) {
-    found.kind = Kind::none;
-    found.grazing = true;
-    return found;
-  }
-  for (int i = 0; i < crossing::halvings; ++i) {
-    const double mid = 0.5 * (lo + hi);
-    const Vec<N> trial = step.reintegrated(mid);
-    if (guard(trial) > 0.0) {
-      lo = mid;
     } else {
-      hi = mid;
-      x = trial;
+      hi = s;
+      found.x = trial;
+    }
+    if (i == 0) {  // the cubic's error goes as s^2 (1 - s)^2: what it is here tells what it is in the slope
+      const double mend = g * (2.0 / s - 2.0 / (1.0 - s));
+      if (std::abs(mend) < -0.5 * slope) slope += mend;
+    }
+    if (!(slope < 0.0) || i >= crossing::polishes) {  // slow or hardly falling: plain bisection, rare and bounded
+      s = lo;
+    } else {
+      const double correction = -g / slope;
+      if (g <= 0.0 && std::abs(correction) < 4.0 * aim) break;
+      s += correction + aim;
     }
   }
-  found.kind = Kind::crossed;
   found.s = hi;
-  found.x = x;
+  found.grazing = found.grazing || slope_at(hi) > -crossing::tangential * scale;
+  found.kind = guard(found.x) <= 0.0 ? Kind::crossed : Kind::diverged;
   return found;
 }
 
