@@ -58,15 +58,20 @@ Identified::Norms Identified::norms(int m, int output) const {
 
 std::vector<HtfPanel> panels_of(const Identified& r) {
   std::vector<HtfPanel> panels;
+  // A picture shows 160 identified points a curve at most, evenly: more would only make it heavy.
+  std::size_t lines = 0;
+  for (const HtfEstimate& h : r.id.htf) lines += h.m == 0 && h.output == 0 ? 1 : 0;
+  const std::size_t every = std::max<std::size_t>(1, lines / 155);
   for (std::size_t c = 0; c < r.outputs.size(); ++c) {
     HtfPanel p{r.outputs[c], r.output_units[c] + "/" + r.input_unit, r.title, {}, {}, {}};
     for (const int m : {0, 1, -1}) {
       HtfCurve identified{m, {}}, exact{m, {}};
+      std::size_t seen = 0;
       for (std::size_t i = 0; i < r.id.htf.size(); ++i) {
         const HtfEstimate& h = r.id.htf[i];
         if (h.m != m || at(h.output) != c) continue;
         const double f = static_cast<double>(h.line) / r.id.period;
-        identified.points.emplace_back(f, h.value);
+        if (seen++ % every == 0) identified.points.emplace_back(f, h.value);
         if (r.has_exact) exact.points.emplace_back(f, r.exact[i]);
       }
       p.identified.push_back(identified);

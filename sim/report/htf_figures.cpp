@@ -45,7 +45,7 @@ const Points* find(const std::vector<HtfCurve>& curves, int m) {
 std::string line_style(const char* colour, int width, const char* dash = "") {
   return "lines lw " + std::to_string(width) + " " + dash + " lc rgb '" + colour + "'";
 }
-std::string point_style(const char* colour) { return std::string("points pt 7 ps 0.25 lc rgb '") + colour + "'"; }
+std::string point_style(const char* colour) { return std::string("points pt 7 ps 0.35 lc rgb '") + colour + "'"; }
 
 const char* const frequency_label = "f, cycles per cycle";
 

@@ -21,7 +21,7 @@ std::string quoted(const std::string& text) {
 void write_points(std::FILE* out, const Curve& curve) {
   for (const auto& [x, y] : curve.points) {
     if (std::isfinite(x) && std::isfinite(y)) {
-      std::fprintf(out, "%.9g %.9g\n", x, y);
+      std::fprintf(out, "%.6g %.6g\n", x, y);
     } else {
       std::fputs("\n", out);
     }
