@@ -42,7 +42,7 @@ TEST_CASE("the engine is xoshiro256** seeded by SplitMix64", "[random]") {
   for (const std::uint64_t x : other) CHECK(b.bits() == x);
 }
 
-TEST_CASE("uniform numbers fill [0, 1) evenly", "[random]") {
+TEST_CASE("uniform numbers fill the unit interval evenly", "[random]") {
   Random random(3);
   std::array<int, 16> bins{};
   constexpr int count = 160000;
