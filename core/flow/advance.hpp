@@ -69,7 +69,7 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   const double moment = crossing::moment * std::fmax(h, landing.whole);
   const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, moment};
   using Kind = typename Crossing<n>::Kind;
-  constexpr double tie = 0x1p-44;  // [-] of the step: crossings closer than this are simultaneous
+  constexpr double tie = 0x1p-43;  // [-] of the step: crossings closer than this are simultaneous
   Crossing<n> first;
   int edge = -1;
   Status status = Status::ok;
@@ -172,7 +172,7 @@ Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watc
   Passage r;
   if (!(h >= 0.0) || p.chart < 0 || p.chart >= M::Charts::size) r.status = Status::failed;
   std::uint64_t owed = 0;
-  while (usable(r.status) && !r.met && r.elapsed < h) {
+  while (usable(r.status) && !r.met && (r.elapsed < h || owed != 0)) {
     visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, landing, c, owed, r); });
   }
   return r;

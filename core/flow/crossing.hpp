@@ -48,6 +48,7 @@ inline constexpr double sliver = 0x1p-20;     // [-] of a step, for the slope of
 inline constexpr int halvings = 52;           // of a bracket, to the last bits
 inline constexpr int polishes = 6;            // re-integrated steps by the slope, at most, before halving with them
 inline constexpr double hair = 0x1p-48;       // [-] of a step: the aim beyond the root, so that the far side is reached
+inline constexpr double close = 0x1p-44;      // [-] of a step: this close beyond the root is good enough
 inline constexpr double tangential = 1e-5;    // [-] slope at the crossing over the steepest slope of the step
 inline constexpr double near = 1e-2;          // [-] of the guard's scale: the cubic alone is not trusted below this
 inline constexpr double doubtful_dip = 1e-6;  // [-] of the guard's scale: a dip this shallow is reported as grazing
@@ -160,8 +161,8 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
       s = lo;
     } else {
       const double correction = -g / slope;
-      if (g <= 0.0 && std::abs(correction) < 4.0 * aim) break;
-      s += correction + aim;
+      if (g <= 0.0 && std::abs(correction) < crossing::close) break;
+      s += correction + aim + std::fmin(0x1p-25 * std::abs(correction), 0.5 * crossing::close);
     }
   }
   found.s = hi;
