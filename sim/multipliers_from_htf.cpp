@@ -80,7 +80,22 @@ MultiplierFit best_multipliers(const Identification& id, int outputs, int count)
   };
   for (int c = 0; c < outputs; ++c) consider(fit_image_poles(id, c, count));
   if (usable(best.status)) return best;
-  for (int c = 0; c < outputs; ++c) consider(fit_two_poles(id, c));
+  // Two poles misfit any periodic system, by more than the noise: the outputs' disagreement says by how much.
+  std::vector<MultiplierFit> fits;
+  for (int c = 0; c < outputs; ++c) {
+    const MultiplierFit fit = fit_two_poles(id, c);
+    if (usable(fit.status)) fits.push_back(fit);
+  }
+  if (fits.empty()) return best;
+  best = fits[0];
+  for (std::size_t i = 0; i < best.multipliers.size(); ++i) {
+    Complex sum = 0.0;
+    for (const MultiplierFit& f : fits) sum += f.multipliers[i];
+    best.multipliers[i] = sum / static_cast<double>(fits.size());
+    double spread = 0.0;
+    for (const MultiplierFit& f : fits) spread = std::max(spread, std::abs(f.multipliers[i] - best.multipliers[i]));
+    best.sigma[i] = fits.size() > 1 ? std::hypot(spread, best.sigma[i]) : std::numeric_limits<double>::quiet_NaN();
+  }
   return best;
 }
 

@@ -26,7 +26,8 @@ MultiplierFit fit_two_poles(const Identification& id, int output);
 // the lines are fewer than its coefficients need.
 MultiplierFit fit_image_poles(const Identification& id, int output, int count);
 
-// The best the data give: image poles where the lines suffice, else two poles; of the output with the smallest sigma.
+// The best the data give: image poles where the lines suffice, of the output with the smallest sigma; else the mean of
+// two poles over the outputs, whose sigma is their scatter (NaN for a single output).
 MultiplierFit best_multipliers(const Identification& id, int outputs, int count);
 
 }  // namespace saltus
