@@ -98,11 +98,11 @@ void retrace(const M& m, const Rebind<M, Dual<K>>& lifted, Point<Rebind<M, Dual<
   leg(r.elapsed - done);
 }
 
-// Saltation matrix of an edge at a state on its guard (columns: state; input), first order in both.
+// Saltation matrix of an edge at a state on its guard: how a small step in the state before appears after the event.
 template <class E>
 struct Saltation {
-  Mat<E::to::dim, E::from::dim> state;
-  double rate;  // D_x h f-, [1/s]: the transversality; derivatives are meaningless when it vanishes
+  Mat<E::to::dim, E::from::dim> state;  // (n_to x n_from)
+  double rate;                          // D_x h f-: the transversality; derivatives are meaningless when it vanishes
 };
 
 template <class M, class E>
@@ -134,7 +134,8 @@ struct Jacobian {
 };
 
 // `advance`, and its derivatives with respect to the state at the start, the held input and every parameter.
-// Trust them only when the status is ok: a grazing event makes them as ill-conditioned as its time.
+// Trust them only when the status is ok: a grazing event makes them as ill-conditioned as its time. `out` is left as it
+// was when the status is not usable.
 template <class M>
 Passage linearise(const M& m, Point<M>& p, const Input<M>& u, double h, Jacobian<M>& out) noexcept {
   constexpr int n = max_dim<M>;
