@@ -109,10 +109,16 @@ Dual<K> tanh(const Dual<K>& x) noexcept {
   const double t = tanh(x.value);
   return x.chain(t, 1.0 - t * t);
 }
+// At zero a direction in which x does not move does not move the root either: infinity times zero is zero here, so that
+// the length of a vector may vanish.
 template <int K>
 Dual<K> sqrt(const Dual<K>& x) noexcept {
   const double r = sqrt(x.value);
-  return x.chain(r, 0.5 / r);
+  if (r > 0.0) return x.chain(r, 0.5 / r);
+  Dual<K> d(r);
+  for (std::size_t k = 0; k < d.gradient.size(); ++k)
+    d.gradient[k] = x.gradient[k] == 0.0 ? 0.0 : 0.5 / r * x.gradient[k];
+  return d;
 }
 // The slope at zero is taken as 0 (the mean of both sides).
 template <int K>
