@@ -1,6 +1,7 @@
 // saltus design: the stimuli of a campaign, obeying the rules under which every line can be told apart.
 #include <cstdio>
 
+#include "../experiment_design.hpp"
 #include "plan_options.hpp"
 
 namespace saltus::program {
@@ -8,13 +9,14 @@ namespace {
 
 struct Options {
   PlanOptions plan;
+  DesignOptions design;
   std::string csv, samples, json;
 };
 
 void run(const Options& o) {
   Plan plan;
   try {
-    plan = make_plan(o.plan);
+    plan = o.design.plain() ? make_plan(o.plan) : design_plan(o.plan, o.design);
   } catch (const std::invalid_argument& e) {
     throw UsageError(e.what());
   }
@@ -44,7 +46,7 @@ void run(const Options& o) {
              number(t.amplitude, "%.17g") + "," + number(t.phase, "%.17g") + "\n";
       tones.push_back({{"line", t.line}, {"f", f}, {"amplitude", t.amplitude}, {"phase", t.phase}});
     }
-    const double crest = crest_factor(u);
+    const double crest = crest_between_samples(s);
     json["experiments"].push_back({{"crest_factor", crest}, {"tones", tones}});
     crest_low = std::min(crest_low, crest);
     crest_high = std::max(crest_high, crest);
@@ -58,7 +60,7 @@ void run(const Options& o) {
         "%zu experiments of %d to %d tones; no plan has fewer than %d: that many lines exclude one another (class %d "
         "of %d)\n",
         plan.experiments.size(), fewest, most, plan.bound.size, plan.bound.residue, o.plan.period);
-    std::printf("amplitude %g a tone, crest factor %.2f to %.2f, largest sample %.4g\n", o.plan.amplitude, crest_low,
+    std::printf("amplitude %g a tone, crest factor between samples too %.2f to %.2f, largest sample %.4g\n", o.plan.amplitude, crest_low,
                 crest_high, peak);
   }
   if (!o.csv.empty()) write_text(o.csv, csv);
@@ -82,6 +84,19 @@ void add_design(CLI::App& app) {
       ->check(CLI::Range(1, 4096));
   command->add_flag("--opposed", o->plan.opposed,
                     "add each stimulus with its sign reversed: even-order distortion cancels");
+  command->add_option("--tones", o->design.tones, "at most so many tones in an experiment")
+      ->check(CLI::Range(1, max_tones));
+  command->add_flag("--odd", o->design.odd,
+                    "odd lines only, with an even period: even-order distortion falls on the silent even lines");
+  command
+      ->add_option("--detection", o->design.detection,
+                   "with --odd: classes of odd lines left silent in each experiment, where odd-order distortion shows")
+      ->check(CLI::Range(0, max_tones));
+  command->add_option("--realisations", o->design.realisations, "play the plan so many times, with other phases each time")
+      ->check(CLI::Range(1, 100));
+  command->add_flag("--crest", o->design.crest, "seek phases of a low crest factor, peaks between samples counted");
+  command->add_option("--peak", o->design.peak_limit, "scale stimuli down to this largest input, between samples too")
+      ->check(CLI::PositiveNumber);
   command->add_option("--csv", o->csv, "write experiment,line,f,amplitude,phase to FILE, - for standard output")
       ->type_name("FILE");
   command->add_option("--samples", o->samples, "write experiment,sample,u over one period to FILE")->type_name("FILE");

@@ -1,0 +1,137 @@
+#include "experiment_design.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <stdexcept>
+
+#include "core/spectrum/crest.hpp"
+
+namespace saltus {
+namespace {
+
+constexpr int max_points = 65536;
+using Reduction = CrestReduction<max_tones, max_points>;
+
+// Points a sample: the highest line gets 13 a cycle at least, where they fit, which misses 3 % of a peak at most.
+int oversampling(const Multisine<max_tones>& u) {
+  int highest = 1;
+  for (int k = 0; k < u.tones(); ++k) highest = std::max(highest, u.tone(k).line);
+  const int wanted = (13 * highest + u.samples() - 1) / u.samples();
+  return std::clamp(wanted, 1, std::max(1, max_points / u.samples()));
+}
+
+[[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
+
+// The lines dealt into `subsets` experiments, no two of a class together; the sizes differ by one line at most.
+std::vector<std::vector<int>> deal(const std::vector<int>& lines, int period, std::size_t subsets, Random& random) {
+  std::vector<std::vector<int>> classes(static_cast<std::size_t>(period / 2 + 1));
+  for (const int q : lines) classes[static_cast<std::size_t>(residue_class(q, period))].push_back(q);
+  const auto shuffle = [&](auto& list) {
+    for (std::size_t i = list.size(); i > 1; --i) std::swap(list[i - 1], list[random.uniform_int(i)]);
+  };
+  shuffle(classes);
+  std::vector<std::vector<int>> dealt(subsets);
+  std::size_t next = 0;
+  for (auto& list : classes) {
+    shuffle(list);
+    for (const int q : list) dealt[next++ % subsets].push_back(q);  // a class is no larger than the subsets are many
+  }
+  for (auto& list : dealt) std::sort(list.begin(), list.end());
+  return dealt;
+}
+
+Plan selected_plan(const PlanOptions& o, const DesignOptions& d) {
+  const int classes = (o.period - 1) / 2 - (d.odd ? (o.period / 2 - 1) / 2 : 0);
+  if (d.odd && o.period % 2 != 0) refuse("--odd: an odd period has no parity to keep; give an even --period");
+  if (d.detection > 0 && !d.odd) refuse("--detection: silent classes tell distortion in odd designs; add --odd");
+  if (d.tones < 0 || d.detection < 0 || d.detection >= classes) {
+    refuse("--tones, --detection: there are " + std::to_string(classes) + " classes of lines; leave at least one");
+  }
+  std::vector<int> lines;
+  for (int q = 1; q <= last_line_below(o.band, o.period); ++q) {
+    if (identifiable(q, o.period) && (!d.odd || q % 2 != 0)) lines.push_back(q);
+  }
+  if (lines.empty()) refuse("--band, --period: no line lies in the band");
+  std::vector<int> size(static_cast<std::size_t>(o.period), 0);
+  Clique bound;
+  for (const int q : lines) {
+    const int r = residue_class(q, o.period);
+    const int n = ++size[static_cast<std::size_t>(r)];
+    if (n > bound.size) bound = {r, n};
+  }
+  const int most = std::min({d.tones > 0 ? d.tones : max_tones, classes - d.detection, max_tones});
+  const auto needed = (static_cast<int>(lines.size()) + most - 1) / most;
+  const auto subsets = static_cast<std::size_t>(std::max({needed, bound.size, o.subsets}));
+  if (subsets > lines.size()) refuse("--subsets: more experiments than there are lines");
+  Random random(o.seed);
+  Plan plan{o, bound, {}};
+  std::uint64_t stream = 1;
+  for (const auto& list : deal(lines, o.period, subsets, random)) {
+    Multisine<max_tones> u(o.sections * o.period);
+    for (const int q : list) {
+      if (!u.add({q, o.amplitude, 0.0})) refuse("--amplitude: give a positive number");
+    }
+    Random phases(o.seed, stream++);
+    u.randomise_phases(phases);
+    plan.experiments.push_back(u);
+  }
+  return plan;
+}
+
+}  // namespace
+
+double crest_between_samples(const Multisine<max_tones>& stimulus) {
+  const auto fine = std::make_unique<Reduction>();
+  const int factor = std::max(1, std::min(4 * oversampling(stimulus), max_points / stimulus.samples()));
+  return fine->configure(stimulus.samples(), factor) ? fine->crest(stimulus) : 0.0;
+}
+
+Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
+  PlanOptions once = options;
+  once.opposed = false;
+  Plan plan = make_plan(once);  // refuses what cannot be
+  if (d.tones != 0 || d.odd || d.detection != 0) plan = selected_plan(once, d);
+  if (d.realisations < 1) refuse("--realisations: play the plan once at least");
+  const std::vector<Multisine<max_tones>> base = plan.experiments;
+  plan.options = options;
+  plan.experiments.clear();
+  std::unique_ptr<Reduction> reduction;
+  if (d.crest) reduction = std::make_unique<Reduction>();
+  std::uint64_t stream = 0;
+  for (int r = 0; r < d.realisations; ++r) {
+    for (Multisine<max_tones> u : base) {
+      Random random(options.seed ^ 0xc2b2ae3d27d4eb4fu, ++stream);
+      if (r > 0) u.randomise_phases(random);
+      if (d.crest) {
+        if (!reduction->configure(u.samples(), oversampling(u))) {
+          refuse("--crest: a stimulus period longer than " + std::to_string(max_points) + " samples; lower --period");
+        }
+        reduction->reduce(u, random);
+      }
+      if (d.peak_limit > 0.0) {
+        double square = 0.0;
+        for (int k = 0; k < u.tones(); ++k) square += 0.5 * u.tone(k).amplitude * u.tone(k).amplitude;
+        const double peak = crest_between_samples(u) * std::sqrt(square);
+        Multisine<max_tones> scaled(u.samples());
+        for (int k = 0; k < u.tones(); ++k) {
+          Tone t = u.tone(k);
+          t.amplitude *= std::min(1.0, d.peak_limit / peak);
+          if (!scaled.add(t)) refuse("--peak: give a positive number");
+        }
+        u = scaled;
+      }
+      plan.experiments.push_back(u);
+      if (!options.opposed) continue;
+      Multisine<max_tones> reversed(u.samples());
+      for (int k = 0; k < u.tones(); ++k) {
+        const Tone& t = u.tone(k);
+        if (!reversed.add({t.line, t.amplitude, t.phase + std::numbers::pi})) refuse("--opposed: too many tones");
+      }
+      plan.experiments.push_back(reversed);
+    }
+  }
+  return plan;
+}
+
+}  // namespace saltus
