@@ -17,6 +17,26 @@ namespace saltus {
 //   experimenter   ◀─────────  Measurement{seq = q, tick = n + 1, y(n + 1)}
 //
 // Ticks count simulated or planned time, never the wall clock's, so that a log replays to the same bits.
+//
+// Over a wire a run also has a beginning and an end, said with the same two messages: `order` and `answer`.
+
+// What the experimenter wants. Every order is a stimulus with the next seq, so each is obeyed exactly once.
+enum class Order : std::uint8_t {
+  hold,   // hold u for one tick
+  start,  // begin an experiment at tick 0; with a session the machine does not know it also asks for the machine
+  stop,   // no stimulus any more; the machine is free
+};
+
+// What a measurement answers.
+enum class Answer : std::uint8_t {
+  measured,   // y of this tick
+  started,    // y of tick 0 of an experiment
+  stopped,    // the machine is free: asked to, or its fail-safe stopped it
+  fail_safe,  // y of this tick, but commands have been missing for so long that the machine holds zero
+  busy,       // refused: another session holds the machine
+  unknown,    // refused: no such session, for instance after a restart of the machine
+};
+
 template <int Nu>
 struct Stimulus {
   static_assert(Nu >= 0);
@@ -24,6 +44,9 @@ struct Stimulus {
   std::int64_t seq = 0;      // [-] counts the stimuli of the session from 0: a gap is a loss, a repeat a duplicate
   std::int64_t tick = 0;     // [tick] from which u is held
   std::array<double, Nu> u{};
+  Order order = Order::hold;
+  std::int32_t experiment = 0;  // [-] of a start
+  std::int64_t sent = 0;        // [-] messages sent before this one in the session, repeats included
 };
 
 template <int Ny>
@@ -34,6 +57,9 @@ struct Measurement {
   std::int64_t tick = 0;     // [tick] at which y was measured
   std::array<double, Ny> y{};
   Status status = Status::ok;  // of the machine; missing: y is not to be used
+  Answer answer = Answer::measured;
+  std::int64_t machine = 0;  // [-] drawn by the machine when it came up
+  std::int64_t sent = 0;     // [-] as of a stimulus; -1 in a refusal, which belongs to no session of the machine
 };
 
 static_assert(std::is_trivially_copyable_v<Stimulus<0>> && std::is_trivially_copyable_v<Stimulus<2>>);
