@@ -1,15 +1,17 @@
 #include "codec.hpp"
 
 #include "../crc32c.hpp"
-#include "saltus/wire/htf_t.hpp"
-#include "saltus/wire/measurement_t.hpp"
-#include "saltus/wire/status_t.hpp"
-#include "saltus/wire/stimulus_t.hpp"
+#include "saltus_wire/htf_t.hpp"
+#include "saltus_wire/measurement_t.hpp"
+#include "saltus_wire/status_t.hpp"
+#include "saltus_wire/stimulus_t.hpp"
 
 namespace saltus {
+
+namespace wire = saltus_wire;
 namespace {
 
-constexpr std::size_t crc_size = 4, fingerprint_size = 8;
+constexpr std::size_t crc_size = 4;
 static_assert(wire::stimulus_t::max_inputs == max_inputs && wire::measurement_t::max_outputs == max_outputs &&
               wire::htf_t::max_tones == HtfBins::capacity);
 
