@@ -18,6 +18,7 @@
 #include <array>
 #include <concepts>
 #include <string_view>
+#include <type_traits>
 
 #include "chart.hpp"
 
@@ -35,16 +36,16 @@ Parameter(std::string_view, std::string_view, S M::*) -> Parameter<M, S>;
 
 // The same template over another scalar: Hopper<double> -> Hopper<Dual<6>>. The scalar is the last argument.
 // A template of another shape says how by itself: template <class T> using rebind, using Scalar.
-template <class M, class T>
-struct Rebound;
-template <template <class> class M, class S, class T>
-struct Rebound<M<S>, T> {
-  using type = M<T>;
-  using scalar = S;
-};
 template <class M>
 concept RebindsItself = requires {
   typename M::template rebind<double>;
+};
+template <class M, class T>
+struct Rebound;
+template <template <class> class M, class S, class T>
+requires(!RebindsItself<M<S>>) struct Rebound<M<S>, T> {
+  using type = M<T>;
+  using scalar = S;
 };
 template <template <class, class> class M, class P, class S, class T>
 requires(!RebindsItself<M<P, S>>) struct Rebound<M<P, S>, T> {
@@ -121,17 +122,21 @@ Rebind<M, T> lift(const M& m) noexcept {
 }
 
 namespace lacks {
+// Of that very type: Eigen would convert a vector of another size, and complain much later.
+template <class T, class X>
+concept Exactly = std::same_as<std::remove_cvref_t<T>, X>;
+
 // One static_assert a requirement, so that the compiler's message names the chart or the edge.
 template <class M, class C>
 constexpr bool chart() noexcept {
   using S = ScalarOf<M>;
   using X = Vec<C::dim, S>;
   constexpr bool flow = requires(const M& m, const X& x, const Input<M>& u) {
-    { m.flow(C{}, x, u) } -> std::convertible_to<X>;
+    { m.flow(C{}, x, u) } -> Exactly<X>;
   };
   static_assert(flow, "this chart has no Vec<dim, S> flow(chart, x, u) const");
   constexpr bool output = requires(const M& m, const X& x, const Input<M>& u) {
-    { m.output(C{}, x, u) } -> std::convertible_to<Output<M>>;
+    { m.output(C{}, x, u) } -> Exactly<Output<M>>;
   };
   static_assert(output, "this chart has no Vec<outputs, S> output(chart, x, u) const");
   constexpr bool clock = !clocked<M> || (HasClock<C> && clock_of<C>() < C::dim);
@@ -151,7 +156,7 @@ constexpr bool edge() noexcept {
   };
   static_assert(guard, "this edge has no S guard(edge, x, u) const, positive inside the chart it leaves");
   constexpr bool reset = requires(const M& m, const X& x, const Input<M>& u) {
-    { m.reset(E{}, x, u) } -> std::convertible_to<Vec<E::to::dim, S>>;
+    { m.reset(E{}, x, u) } -> Exactly<Vec<E::to::dim, S>>;
   };
   static_assert(reset, "this edge has no Vec<dim of the next chart, S> reset(edge, x, u) const");
   return from && to && guard && reset;
@@ -178,7 +183,8 @@ constexpr bool check() noexcept {
   static_assert(
       requires { M::outputs.size(); }, "the model has no static constexpr std::array outputs of Quantity");
   static_assert(
-      requires { parameter_count<M>; }, "the model has no static constexpr auto parameters()");
+      requires { M::parameters(); } || requires { M::parameter_count; },
+      "the model has no static constexpr auto parameters()");
   static_assert(
       requires(const M& m) { m.start(); }, "the model has no Start<Chart, S> start() const");
   return lacks::charts<M>(typename M::Charts{}) && lacks::edges<M>(typename M::Edges{});

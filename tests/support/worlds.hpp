@@ -84,7 +84,7 @@ struct Pendulum {
                       Parameter{"stop", "rad", &Pendulum::stop}, Parameter{"e", "-", &Pendulum::e}};
   }
   Vec<2, S> flow(pendulum::Swing, const Vec<2, S>& x, const Vec<1, S>& u) const noexcept {
-    return {x[1], u[0] - w2 * sin(x[0]) - c * x[1] * abs(x[1])};
+    return {x[1], u[0] - w2 * sin(x[0]) - c * x[1] * sqrt(1.0 + x[1] * x[1])};
   }
   // Nonlinear on purpose: the stop is met where sin(angle) = -sin(stop).
   S guard(pendulum::Stop, const Vec<2, S>& x, const Vec<1, S>&) const noexcept { return sin(x[0]) + sin(stop); }
