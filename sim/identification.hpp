@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "core/spectrum/estimator.hpp"
+#include "hal/lockstep.hpp"
 #include "hal/loopback.hpp"
 #include "plan.hpp"
 #include "rig.hpp"
@@ -30,32 +31,71 @@ struct HtfEstimate {
   int cycles = 0;                                           // measured cycles it rests on
 };
 
-// Plays one period of `stimulus` over and over to a rig across a link in this process, and feeds the estimator from
-// sample `settle` on. No allocation. Stops at the first status of the machine that is not usable.
+// A machine at hand for an experiment: what lies between here and there is its own affair.
+//   Outcome start(experiment, y)          begins at tick 0; y is of then
+//   Outcome exchange(tick, u, y)          u for that tick; y is the next measurement in order
+//   std::int64_t lead()                   [tick] that u is to be given ahead, by give(tick, u) at the start
+//
+// This one is a rig across a link in this process.
+template <class R>
+class RigHere {
+ public:
+  explicit RigHere(R& rig) noexcept : rig_(&rig) {}
+  static constexpr std::int64_t lead() noexcept { return 0; }
+  static void give(std::int64_t, const decltype(R::Command::u)&) noexcept {}
+  Outcome start(std::int32_t, typename R::Reply& y) noexcept {
+    return wire_.machine().try_send(rig_->greeting()) && wire_.experimenter().try_receive(y) ? Outcome::answered
+                                                                                             : Outcome::silent;
+  }
+  Outcome exchange(std::int64_t tick, const decltype(R::Command::u)& u, typename R::Reply& y) noexcept {
+    auto machine = wire_.machine();
+    typename R::Command command;
+    command.seq = command.tick = tick;
+    command.u = u;
+    return wire_.experimenter().try_send(command) && rig_->serve(machine) && wire_.experimenter().try_receive(y)
+               ? Outcome::answered
+               : Outcome::silent;
+  }
+
+ private:
+  R* rig_;
+  Loopback<typename R::Command, typename R::Reply, 4> wire_;
+};
+
+// Plays one period of `stimulus` over and over to a machine of Ny outputs, and feeds the estimator from sample `settle`
+// on. No allocation. Ends at the first status of the machine that is not usable, or failed where it did not answer:
+// `outcome` then says why.
+template <int Ny, class Machine, class Estimator, class OnSample>
+Status play_experiment(Machine& machine, std::int32_t experiment, std::span<const double> stimulus,
+                       std::int64_t samples, std::int64_t settle, Estimator& estimator, OnSample&& on_sample,
+                       Outcome& outcome) noexcept {
+  const auto u = [&](std::int64_t n) {
+    return std::array{stimulus[static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size()))]};
+  };
+  Measurement<Ny> y;
+  outcome = machine.start(experiment, y);
+  if (outcome != Outcome::answered) return Status::failed;
+  for (std::int64_t n = 0; n < machine.lead(); ++n) machine.give(n, u(n));
+  Status worst = Status::ok;
+  for (std::int64_t n = 0; n < samples; ++n) {
+    worst = worse(worst, y.status);
+    if (!usable(y.status)) return y.status;
+    if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
+    on_sample(n, u(n)[0], y.y);
+    outcome = machine.exchange(n + machine.lead(), u(n + machine.lead()), y);
+    if (outcome != Outcome::answered) return Status::failed;
+  }
+  return worst;
+}
+
+// The same to a rig in this process.
 template <class M, class Family, class Estimator, class OnSample>
 Status run_experiment(Rig<M, Family>& rig, std::span<const double> stimulus, std::int64_t samples, std::int64_t settle,
                       Estimator& estimator, OnSample&& on_sample) noexcept {
   static_assert(input_count<M> == 1);
-  using R = Rig<M, Family>;
-  Loopback<typename R::Command, typename R::Reply, 4> wire;
-  auto here = wire.experimenter();
-  auto machine = wire.machine();
-  if (!machine.try_send(rig.greeting())) return Status::failed;
-  Status worst = Status::ok;
-  for (std::int64_t n = 0; n < samples; ++n) {
-    typename R::Reply y;
-    if (!here.try_receive(y)) return Status::failed;
-    worst = worse(worst, y.status);
-    if (!usable(y.status)) return y.status;
-    const double u = stimulus[static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size()))];
-    if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
-    on_sample(n, u, y.y);
-    typename R::Command command;
-    command.seq = command.tick = n;
-    command.u[0] = u;
-    if (!here.try_send(command) || !rig.serve(machine)) return Status::failed;
-  }
-  return worst;
+  RigHere machine(rig);
+  Outcome outcome = Outcome::answered;
+  return play_experiment<output_count<M>>(machine, 0, stimulus, samples, settle, estimator, on_sample, outcome);
 }
 
 // Variances of single-period lines, pooled over neighbours in frequency: repeats are few, lines are many.
@@ -86,9 +126,7 @@ struct Identification {
   Status worst = Status::ok;
 
   // True when repeats told the noise, so that standard errors are known.
-  bool noise_known() const {
-    return !htf.empty() && std::isfinite(htf.front().sigma) && htf.front().sigma > 0.0;
-  }
+  bool noise_known() const { return !htf.empty() && std::isfinite(htf.front().sigma) && htf.front().sigma > 0.0; }
 
   // Values of one harmonic and output, by rising line.
   std::vector<HtfEstimate> select(int m, int output) const;
