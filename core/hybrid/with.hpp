@@ -1,14 +1,19 @@
 // With<Model, Effects...>: a model with effects added, again a model. An effect is a class template over the scalar
 // with `parameters()` like a model's, and any of
-//   S      force (Port, const S& displacement, const S& rate) const     a force [N or N m] at a port of the model
+//   S      force (Port, const S& displacement, const S& rate) const     a force [N or N m] at a port of the model;
+//   S      force (Port, const S& displacement, const S& rate, const S& clock) const   in charts with a clock [rad]
 //   Vec<n> flow  (C, const Vec<n, S>& x, const Vec<nu, S>& u) const     added to the rate of chart C
 //   S      guard (E, const Vec<n, S>& x, const Vec<nu, S>& u) const     added to the guard of edge E
-//   Vec<n'> reset(E, const Vec<n, S>& before, const Vec<n', S>& after, const Vec<nu, S>& u) const   replaces the state
-//   after E Vec<nu> input(const Vec<nu, S>& u) const                            replaces the input Vec<ny> output(const
-//   Vec<ny, S>& y) const                           replaces the output
-// An effect acts where its overloads fit; one that acts nowhere does not compile.
+//   Vec<n'> reset(E, const Vec<n, S>& before, const Vec<n', S>& after, const Vec<nu, S>& u) const    replaces the state
+//                                                                        after edge E
+//   Vec<nu> input (const Vec<nu, S>& u) const                            replaces the input
+//   Vec<ny> output(const Vec<ny, S>& y) const                            replaces the output
+// An effect acts where its overloads fit; one that acts nowhere does not compile. An effect whose parameters are all
+// zero leaves the model as it is: rest_idle() then skips it, so that a model may carry every candidate at no cost.
+// A force that jumps where its port's rate changes sign (dry friction) says so by `static constexpr bool kinked = true`.
 #pragma once
 
+#include <cstdint>
 #include <string_view>
 #include <tuple>
 
@@ -26,8 +31,22 @@ struct PortsOf<M> {
   using type = typename M::Ports;
 };
 
+// Zero, and of zero derivative: what multiplies it is not there.
+template <class S>
+constexpr bool vanishes(const S& x) noexcept {
+  if constexpr (requires { x.gradient; }) {
+    for (const double g : x.gradient) {
+      if (g != 0.0) return false;
+    }
+    return x.value == 0.0;
+  } else {
+    return x == S(0);
+  }
+}
+
 template <class M, class... Effects>
 struct With {
+  static_assert(sizeof...(Effects) <= 64);
   using S = ScalarOf<M>;
   using Scalar = S;
   template <class T>
@@ -43,6 +62,7 @@ struct With {
 
   M model{};
   std::tuple<Effects...> effects{};
+  std::uint64_t resting = 0;  // effects that are skipped, bit i for the i-th; lift() wakes them all
 
   With() = default;
   explicit With(const M& m, const Effects&... e) noexcept : model(m), effects(e...) {}
@@ -55,7 +75,7 @@ struct With {
       each_port([&](auto p) {
         if constexpr (forced<decltype(e), decltype(p), C>()) {
           const Motion<S, C::dim> at = model.port(p, c, x);
-          const S force = e.force(p, at.displacement, at.rate);
+          const S force = force_of(e, p, c, at, x);
           for (int i = 0; i < C::dim; ++i) f[i] += at.per_force[i] * force;
         }
       });
@@ -73,7 +93,7 @@ struct With {
         // A force that passes through a guard (a leg force in a ground reaction) says so by reaction(port, edge).
         if constexpr (forced<decltype(e), decltype(p), typename E::from>() && requires { model.reaction(p, edge); }) {
           const Motion<S, E::from::dim> at = model.port(p, typename E::from{}, x);
-          g += model.reaction(p, edge) * e.force(p, at.displacement, at.rate);
+          g += model.reaction(p, edge) * force_of(e, p, typename E::from{}, at, x);
         }
       });
       if constexpr (requires { e.guard(edge, x, u); }) g += e.guard(edge, x, u);
@@ -100,6 +120,30 @@ struct With {
     return y;
   }
 
+  // Skips, from now on, the effects whose parameters vanish. Call again when a parameter has changed.
+  void rest_idle() noexcept {
+    resting = 0;
+    std::uint64_t bit = 1;
+    each_effect([&](const auto& e) {
+      bool idle = true;
+      saltus::visit_parameters(e, [&](auto, auto, const S& v) { idle = idle && vanishes(v); });
+      if (idle) resting |= bit;
+      bit <<= 1;
+    }, 0);
+  }
+
+  // Calls f(rate) for the port rate of every kinked effect that acts in chart C: the flow jumps where it changes sign.
+  template <class C, class F>
+  void visit_kinks(C c, const Vec<C::dim, S>& x, F&& f) const noexcept {
+    each_effect([&](const auto& e) {
+      if constexpr (requires { std::remove_cvref_t<decltype(e)>::kinked; }) {
+        each_port([&](auto p) {
+          if constexpr (forced<decltype(e), decltype(p), C>()) f(model.port(p, c, x).rate);
+        });
+      }
+    });
+  }
+
   // The model's own ports pass through, so that effects can be added to what already has some.
   template <class P, class C>
   requires requires(const M& m, P p, C c, const Vec<C::dim, S>& x) { m.port(p, c, x); }
@@ -124,7 +168,13 @@ struct With {
  private:
   template <class F>
   void each_effect(F&& f) const {
-    std::apply([&](const auto&... e) { (f(e), ...); }, effects);
+    each_effect(f, resting);
+  }
+  template <class F>
+  void each_effect(F&& f, std::uint64_t skipped) const {
+    std::apply(
+        [&](const auto&... e) { ((static_cast<void>((skipped & 1) == 0 ? (f(e), 0) : 0), skipped >>= 1), ...); },
+        effects);
   }
   template <class F>
   static void each_port(F&& f) {
@@ -139,11 +189,19 @@ struct With {
   }
 
   template <class E, class P, class C>
+  static S force_of(const E& e, P p, C, const Motion<S, C::dim>& at, const Vec<C::dim, S>& x) noexcept {
+    if constexpr (clock_of<C>() >= 0 && requires(const S& s) { e.force(p, s, s, s); }) {
+      return e.force(p, at.displacement, at.rate, x[clock_of<C>()]);
+    } else {
+      return e.force(p, at.displacement, at.rate);
+    }
+  }
+  template <class E, class P, class C>
   static constexpr bool forced() noexcept {
-    return requires(const M& m, const E& e, P p, C c, const Vec<C::dim, S>& x, const S& s) {
-      m.port(p, c, x);
-      e.force(p, s, s);
-    };
+    constexpr bool port = requires(const M& m, P p, C c, const Vec<C::dim, S>& x) { m.port(p, c, x); };
+    constexpr bool plain = requires(const E& e, P p, const S& s) { e.force(p, s, s); };
+    constexpr bool timed = clock_of<C>() >= 0 && requires(const E& e, P p, const S& s) { e.force(p, s, s, s); };
+    return port && (plain || timed);
   }
   template <class E, class... Cs, class... Es, class... Ps>
   static constexpr bool acts(List<Cs...>, List<Es...>, List<Ps...>) noexcept {

@@ -12,7 +12,9 @@ struct Stance : Chart<3>, Clock<2> {};  // (y_M [m], v_M [m/s], clock [rad])
 struct Touchdown : Edge<Flight, Stance> {};
 struct Liftoff : Edge<Stance, Flight> {};
 struct Body {};  // y_M against the world
-struct Leg {};   // y_M - y_m
+struct Leg {
+  static constexpr bool internal = true;  // y_M - y_m, from the rest length
+};
 struct Foot {};  // y_m against the world
 }  // namespace hopper
 
@@ -73,10 +75,10 @@ struct Hopper {
     return {x[0], x[1], {0.0, 1.0 / M, 0.0}};
   }
   Motion<S, 5> port(hopper::Leg, Flight, const Vec<5, S>& x) const noexcept {
-    return {x[0] - x[3], x[1] - x[4], {0.0, 1.0 / M, 0.0, 0.0, -1.0 / m}};
+    return {x[0] - x[3] - l0, x[1] - x[4], {0.0, 1.0 / M, 0.0, 0.0, -1.0 / m}};
   }
   Motion<S, 3> port(hopper::Leg, Stance, const Vec<3, S>& x) const noexcept {
-    return {x[0], x[1], {0.0, 1.0 / M, 0.0}};
+    return {x[0] - l0, x[1], {0.0, 1.0 / M, 0.0}};
   }
   Motion<S, 5> port(hopper::Foot, Flight, const Vec<5, S>& x) const noexcept {
     return {x[3], x[4], {0.0, 0.0, 0.0, 0.0, 1.0 / m}};
