@@ -44,7 +44,7 @@ EventLogWriter::EventLogWriter(const std::filesystem::path& path, Existing exist
   std::error_code ignored;
   if (existing == Existing::append && std::filesystem::exists(path, ignored)) {
     EventLogReader old(path);
-    Event event;
+    LoggedEvent event;
     while (old.next(event)) events_ = event.number + 1;
     size_ = old.position();
   }
@@ -106,7 +106,7 @@ EventLogReader::EventLogReader(const std::filesystem::path& path) {
   if (in.bad()) refuse(path, "the log cannot be read to its end", "check the disk");
 }
 
-bool EventLogReader::next(Event& event) {
+bool EventLogReader::next(LoggedEvent& event) {
   while (at_ + head_size <= bytes_.size()) {
     const std::uint8_t* const b = bytes_.data() + at_;
     const auto channel = get<std::uint32_t>(b + 20), data = get<std::uint32_t>(b + 24);

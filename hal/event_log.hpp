@@ -44,7 +44,7 @@ class EventLogWriter {
   std::vector<std::uint8_t> buffer_;
 };
 
-struct Event {
+struct LoggedEvent {
   std::int64_t number = 0;
   std::int64_t time = 0;  // [us] since 1970
   std::string channel;
@@ -56,7 +56,7 @@ class EventLogReader {
  public:
   explicit EventLogReader(const std::filesystem::path& path);  // throws LogError
 
-  bool next(Event& event);                                    // false at the end
+  bool next(LoggedEvent& event);                                    // false at the end
   std::int64_t skipped() const noexcept { return skipped_; }  // [B] that are no event: damage, or an event cut off
   std::int64_t position() const noexcept { return static_cast<std::int64_t>(whole_); }  // [B] behind the last event
 

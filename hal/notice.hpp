@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string>
 #include <string_view>
 
 #include "core/linalg.hpp"
@@ -17,7 +18,8 @@ struct ShortText {
   std::array<char, N> chars{};  // ends with 0
 
   ShortText() = default;
-  ShortText(std::string_view s) noexcept { s.copy(chars.data(), N - 1); }  // NOLINT: a text is a text
+  ShortText(std::string_view s) noexcept { s.copy(chars.data(), N - 1); }       // NOLINT: a text is a text
+  ShortText(const std::string& s) noexcept : ShortText(std::string_view(s)) {}  // NOLINT
   std::string_view view() const noexcept { return {chars.data()}; }
 };
 
