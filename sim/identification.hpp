@@ -34,15 +34,13 @@ struct HtfEstimate {
 // A machine at hand for an experiment: what lies between here and there is its own affair.
 //   Outcome start(experiment, y)          begins at tick 0; y is of then
 //   Outcome exchange(tick, u, y)          u for that tick; y is the next measurement in order
-//   std::int64_t lead()                   [tick] that u is to be given ahead, by give(tick, u) at the start
+//   std::int64_t lead()                   if need be: [tick] that u is to be given ahead, by give(tick, u) at the start
 //
 // This one is a rig across a link in this process.
 template <class R>
 class RigHere {
  public:
   explicit RigHere(R& rig) noexcept : rig_(&rig) {}
-  static constexpr std::int64_t lead() noexcept { return 0; }
-  static void give(std::int64_t, const decltype(R::Command::u)&) noexcept {}
   Outcome start(std::int32_t, typename R::Reply& y) noexcept {
     return wire_.machine().try_send(rig_->greeting()) && wire_.experimenter().try_receive(y) ? Outcome::answered
                                                                                              : Outcome::silent;
@@ -75,14 +73,18 @@ Status play_experiment(Machine& machine, std::int32_t experiment, std::span<cons
   Measurement<Ny> y;
   outcome = machine.start(experiment, y);
   if (outcome != Outcome::answered) return Status::failed;
-  for (std::int64_t n = 0; n < machine.lead(); ++n) machine.give(n, u(n));
+  std::int64_t lead = 0;
+  if constexpr (requires { machine.lead(); }) {
+    lead = machine.lead();
+    for (std::int64_t n = 0; n < lead; ++n) machine.give(n, u(n));
+  }
   Status worst = Status::ok;
   for (std::int64_t n = 0; n < samples; ++n) {
     worst = worse(worst, y.status);
     if (!usable(y.status)) return y.status;
     if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
     on_sample(n, u(n)[0], y.y);
-    outcome = machine.exchange(n + machine.lead(), u(n + machine.lead()), y);
+    outcome = machine.exchange(n + lead, u(n + lead), y);
     if (outcome != Outcome::answered) return Status::failed;
   }
   return worst;
