@@ -130,7 +130,11 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
       }
     }
   }
-  if (hi == 1.0 && g1 > 0.0) return found;
+  if (hi == 1.0 && g1 > 0.0) {
+    // The bottom may lie where this step meets the next.
+    if (g1 < crossing::doubtful_dip * scale && std::abs(d1) < crossing::tangential * scale) found.grazing = true;
+    return found;
+  }
 
   double inner = lo;
   double s = hi;

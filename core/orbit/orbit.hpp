@@ -4,6 +4,10 @@
 
 #include <Eigen/LU>
 
+#include <cmath>
+#include <limits>
+#include <numbers>
+
 #include "ldtp.hpp"
 #include "section_map.hpp"
 
@@ -34,11 +38,12 @@ struct Orbit {
 template <class M, int N>
 using LdtpOf = Ldtp<section_dim<M>, input_count<M>, output_count<M>, N>;
 
-// Runs the model from its start for `turns` turns without input and stops on section 0 of the family.
+// Runs the model for `turns` turns without input, and on to section 0 of the family. A family on the grid has that at
+// the whole turns.
 template <class M, class Family>
 Status settle(const M& m, const Timebase& base, const Family& family, std::int64_t turns, Run<M>& run) noexcept {
   const Input<M> u = Input<M>::Zero();
-  for (std::int64_t i = 0; i < turns * base.per_turn; ++i) {
+  while (run.tick < turns * base.per_turn || (Family::on_grid && (run.tick % base.per_turn != 0 || run.into > 0.0))) {
     if (const Status s = step(m, run, u, base).status; !usable(s)) return s;
   }
   if constexpr (!Family::on_grid) {
@@ -54,12 +59,39 @@ Status settle(const M& m, const Timebase& base, const Family& family, std::int64
 }
 
 namespace orbit {
+constexpr double turn = 2.0 * std::numbers::pi;  // [rad]
+
+// The point with its clock in [0, 2 pi).
+template <class M>
+Point<M> within_turn(const Point<M>& p) noexcept {
+  Point<M> r = p;
+  if constexpr (clocked<M>) {
+    double& angle = r.x[clock_index(r)];
+    angle -= turn * std::floor(angle / turn);
+  }
+  return r;
+}
+
+// A run from p whose ticks agree with the clock of p, so that a turn of the clock is a turn of the time base.
+template <class M>
+Run<M> on_grid(const Point<M>& p, const Timebase& base) noexcept {
+  Run<M> run;
+  run.at = within_turn(p);
+  if constexpr (clocked<M>) {
+    if (base.sets_clock) {
+      const double ticks = run.at.x[clock_index(run.at)] / turn * static_cast<double>(base.per_turn);
+      run.tick = static_cast<std::int64_t>(ticks);
+      run.into = (ticks - static_cast<double>(run.tick)) * base.dt();
+    }
+  }
+  return run;
+}
+
 // Difference of two states; a clock is an angle.
 template <class M>
 Vec<max_dim<M>> difference(const Point<M>& a, const Point<M>& b) noexcept {
   Vec<max_dim<M>> d = a.x - b.x;
   if constexpr (clocked<M>) {
-    constexpr double turn = 2.0 * std::numbers::pi;
     double& angle = d[clock_index(a)];
     angle -= turn * std::round(angle / turn);
   }
@@ -78,22 +110,24 @@ void onto_section(const M& m, const Family& family, int section, Point<M>& p, in
 }  // namespace orbit
 
 // One cycle from section 0, input zero: fills the orbit's points, times and events; with `system`, linearises on the
-// way.
+// way. Statuses: ok; grazing on the way; zeno: more than max_orbit_events events; otherwise as to_next_section.
 template <class M, int N, class Family>
 Status trace_cycle(const M& m, const Timebase& base, const Family& family, Run<M>& run, Orbit<M, N>& orbit,
                    LdtpOf<M, N>* system) noexcept {
   const Input<M> u = Input<M>::Zero();
   const double t0 = run.time(base);
+  Status worst = Status::ok;
   orbit.events = 0;
   for (int n = 0; n < N; ++n) {
     const auto i = static_cast<std::size_t>(n);
-    orbit.point[i] = run.at;
+    orbit.point[i] = orbit::within_turn(run.at);
     orbit.time[i] = run.time(base) - t0;
     orbit.output[i] = output_at(m, run.at, u);
     if (system != nullptr) {
       Run<M> trial = run;
       SectionMap<M> map;
-      if (const Status s = linearise_section(m, trial, n, u, base, family, map); s != Status::ok) return s;
+      worst = worse(worst, linearise_section(m, trial, n, u, base, family, map));
+      if (!usable(worst)) return worst;
       system->dim[i] = map.cols;
       system->A[i] = map.A;
       system->B[i] = map.B;
@@ -103,8 +137,12 @@ Status trace_cycle(const M& m, const Timebase& base, const Family& family, Run<M
     std::int64_t tick = run.tick;
     double into = run.into;
     const auto note = [&](int edge, double t, const Point<M>& before, const Point<M>& after) {
-      if (orbit.events == max_orbit_events) return;
-      orbit.event[static_cast<std::size_t>(orbit.events++)] = {edge, t, before, after};
+      if (orbit.events == max_orbit_events) {
+        worst = worse(worst, Status::zeno);
+        return;
+      }
+      orbit.event[static_cast<std::size_t>(orbit.events++)] = {edge, t, orbit::within_turn(before),
+                                                               orbit::within_turn(after)};
     };
     if constexpr (requires { typename Family::edge; }) {
       using E = typename Family::edge;
@@ -112,7 +150,7 @@ Status trace_cycle(const M& m, const Timebase& base, const Family& family, Run<M
       after.set(typename E::to{}, m.reset(E{}, run.at.in(typename E::from{}), u));
       note(index_of<E>(typename M::Edges{}), orbit.time[i], run.at, after);
     }
-    const Status s = to_next_section(m, run, n, u, base, family, [&](const Point<M>& from, const Passage& r) {
+    const Status met = to_next_section(m, run, n, u, base, family, [&](const Point<M>& from, const Passage& r) {
       const double start = base.time(tick) + into - t0;
       if (r.events > 0) {
         Point<Rebind<M, Dual<1>>> p;
@@ -130,15 +168,17 @@ Status trace_cycle(const M& m, const Timebase& base, const Family& family, Run<M
       tick = run.tick;
       into = run.into;
     });
-    if (s != Status::ok) return s;
+    worst = worse(worst, met);
+    if (!usable(worst)) return worst;
   }
   orbit.period = run.time(base) - t0;
-  return Status::ok;
+  return worst;
 }
 
 // The limit cycle through the N sections of a family. Settles for `turns` turns from the model's start, then polishes
-// by Newton's method on the return map of section 0. status: ok; failed when Newton does not converge or a section is
-// never met; otherwise what the flow reported.
+// by Newton's method on the return map of section 0. status: ok; grazing: found, but an event, or a miss, is nearly
+// tangential, and its derivatives are not to be trusted; failed: Newton's method does not converge, a section is never
+// met, or the time base and the family do not fit; otherwise what the flow reported.
 template <int N, class M, class Family>
 Orbit<M, N> find_orbit(const M& m, Timebase base, const Family& family, LdtpOf<M, N>& system,
                        std::int64_t turns = 60) noexcept {
@@ -146,22 +186,18 @@ Orbit<M, N> find_orbit(const M& m, Timebase base, const Family& family, LdtpOf<M
   constexpr int max_iterations = 30;
   constexpr double tolerance = 2e-13;  // relative to the size of the state: what rounding leaves of a cycle
   Orbit<M, N> orbit;
-  Run<M> run;
-  run.at = start_of(m);
-  if constexpr (Family::on_grid) {
-    if (family.count() != N || base.per_turn % N != 0) return orbit;
-    set_clock(run.at, base, 0);
-  } else {
-    base.sets_clock = false;  // between located sections the clock is a coordinate like the others
-  }
+  if (family.count() != N || base.per_turn < 1 || (Family::on_grid && base.per_turn % N != 0)) return orbit;
+  if constexpr (!Family::on_grid) base.sets_clock = false;  // between located sections it is a coordinate like others
+  Run<M> run = orbit::on_grid(start_of(m), base);
   orbit.status = settle(m, base, family, turns, run);
   if (orbit.status != Status::ok) return orbit;
+  if constexpr (!Family::on_grid) run.at = orbit::within_turn(run.at);
 
   double last = std::numeric_limits<double>::infinity();
   for (orbit.iterations = 0; orbit.iterations < max_iterations; ++orbit.iterations) {
     const Run<M> start = run;
     orbit.status = trace_cycle(m, base, family, run, orbit, &system);
-    if (orbit.status != Status::ok) return orbit;
+    if (!usable(orbit.status)) return orbit;
     if (run.at.chart != start.at.chart) {
       orbit.status = Status::failed;
       return orbit;

@@ -38,7 +38,8 @@ Tangent<M> tangent_of(const Family& family, int section, const M& m, const Point
   return t;
 }
 
-// Moves run from section `index` to the next one of the family, input held. failed: not met within `turns` turns.
+// Moves run from section `index` to the next one of the family, input held. Statuses: ok; grazing on the way; failed:
+// not met within `turns` turns; otherwise the trouble that the flow reported.
 template <class M, class Family, class OnPassage>
 Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, const Timebase& base,
                        const Family& family, OnPassage&& on_passage, int turns = 4) noexcept {
@@ -46,22 +47,25 @@ Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, co
     using E = typename Family::edge;
     run.at.set(typename E::to{}, m.reset(E{}, run.at.in(typename E::from{}), u));
   }
+  Status worst = Status::ok;
   if constexpr (Family::on_grid) {
     for (std::int64_t i = 0; i < base.per_turn / family.count(); ++i) {
       const Point<M> from = run.at;
       const Passage r = step(m, run, u, base);
-      if (!usable(r.status)) return r.status;
+      worst = worse(worst, r.status);
+      if (!usable(worst)) return worst;
       on_passage(from, r);
     }
-    return Status::ok;
+    return worst;
   } else {
     const SectionWatch<Family> watch{family, (index + 1) % family.count()};
     for (std::int64_t i = 0; i < base.per_turn * turns; ++i) {
       const Point<M> from = run.at;
       const Passage r = step(m, run, u, base, watch);
-      if (!usable(r.status)) return r.status;
+      worst = worse(worst, r.status);
+      if (!usable(worst)) return worst;
       on_passage(from, r);
-      if (r.met) return Status::ok;
+      if (r.met) return worst;
     }
     return Status::failed;
   }
@@ -78,7 +82,7 @@ struct SectionMap {
   Mat<ny, nu> D = Mat<ny, nu>::Zero();  // (ny x nu)
 };
 
-// `to_next_section`, and its derivatives in the section coordinates of both ends.
+// `to_next_section`, and its derivatives in the section coordinates of both ends; to be trusted when the status is ok.
 template <class M, class Family>
 Status linearise_section(const M& m, Run<M>& run, int index, const Input<M>& u, const Timebase& base,
                          const Family& family, SectionMap<M>& out) noexcept {
@@ -112,11 +116,11 @@ Status linearise_section(const M& m, Run<M>& run, int index, const Input<M>& u, 
     using E = typename Family::edge;
     moving.set(typename E::to{}, lifted.reset(E{}, moving.in(typename E::from{}), lu));
   }
-  const Status status = to_next_section(m, run, index, u, base, family, [&](const Point<M>&, const Passage& r) {
+  const Status status = to_next_section(m, run, index, u, base, family, [&](const Point<M>& from, const Passage& r) {
+    for (int i = 0; i < n; ++i) moving.x[i].value = from.x[i];  // the very steps that were taken
     retrace<K>(m, lifted, moving, lu, r, [](auto...) {});
-    for (int i = 0; i < n; ++i) moving.x[i].value = i < dim_of(moving) ? moving.x[i].value : 0.0;
   });
-  if (status != Status::ok) return status;
+  if (!usable(status)) return status;
 
   const int next = (index + 1) % family.count();
   visit_chart(run.at, [&](auto c) {

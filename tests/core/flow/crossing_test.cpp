@@ -322,7 +322,10 @@ TEST_CASE("locate: a dip below zero and back within one step is found down to 1e
 TEST_CASE("locate: a tangential crossing is reported, a steep one is not") {
   CHECK(locate_in_time([](double t) { return std::pow(0.5 - t, 3); }).grazing);
   CHECK(locate_in_time([](double t) { return (0.5 - t) * (0.5 - t) - 1e-13; }).grazing);
+  CHECK(locate_in_time([](double t) { return (1.0 - t) * (1.0 - t) + 1e-13; }).grazing);  // at the end, and missed
   CHECK_FALSE(locate_in_time([](double t) { return 0.5 - t; }).grazing);
+  CHECK_FALSE(locate_in_time([](double t) { return 1.0 + 1e-13 - t; }).grazing);
+  CHECK_FALSE(locate_in_time([](double) { return 1e-13; }).grazing);
   CHECK_FALSE(locate_in_time([](double t) { return (0.5 - t) * (0.5 - t) - 1e-3; }).grazing);
 }
 
