@@ -16,9 +16,12 @@ constexpr Style styles[] = {{0, "H_{0}", "#1f4e9c"}, {1, "H_{1}", "#c0392b"}, {-
 
 using Points = std::vector<std::pair<double, std::complex<double>>>;
 
+// On a logarithmic axis: zero is a gap.
 std::vector<std::pair<double, double>> magnitude(const Points& points) {
   std::vector<std::pair<double, double>> r;
-  for (const auto& [f, h] : points) r.emplace_back(f, std::abs(h));
+  for (const auto& [f, h] : points) {
+    r.emplace_back(f, std::abs(h) > 0.0 ? std::abs(h) : std::numeric_limits<double>::quiet_NaN());
+  }
   return r;
 }
 

@@ -11,7 +11,7 @@ namespace saltus {
 struct Curve {
   std::string title;  // empty: not in the key
   std::string style;
-  std::vector<std::pair<double, double>> points;  // a NaN breaks a line
+  std::vector<std::pair<double, double>> points;  // a NaN breaks a line; a curve of nothing else is left out
 };
 
 struct Panel {
@@ -26,7 +26,8 @@ struct Figure {
   int width = 1000, height = 700;  // [px]
   std::vector<Panel> panels;
 
-  // Throws std::runtime_error, naming the file and what to do, when gnuplot is missing or the file cannot be written.
+  // Throw std::runtime_error, saying what to do, when gnuplot is missing or fails, or the file cannot be written.
+  std::string svg() const;
   void write_svg(const std::string& path) const;
 };
 
