@@ -1,17 +1,21 @@
 // A whole campaign on an emulated machine: find its limit cycle, play every experiment of a plan, identify.
 #pragma once
 
+#include <cmath>
+#include <cstdio>
 #include <functional>
 #include <memory>
 
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/htf.hpp"
+#include "eigenvalues.hpp"
 #include "hal/record.hpp"
 #include "identification.hpp"
 
 namespace saltus {
 
 inline constexpr int campaign_sections = 32;
+inline constexpr double attracting = 0.9999;  // [-] of a deviation, a cycle later: above it nothing settles
 
 struct CampaignOptions {
   std::int64_t ticks = 512;   // [tick] a turn of the clock
@@ -28,6 +32,7 @@ struct Campaign {
   LdtpOf<M, campaign_sections> system;
   Identification id;
   double period = 1.0;  // [s]
+  double decay = 0.0;   // [-] what a cycle leaves of a deviation: the largest modulus of a multiplier
 
   // The exact H_m of the linearised model at a line.
   Complex exact(const HtfEstimate& h) const {
@@ -37,7 +42,8 @@ struct Campaign {
 };
 
 // Starts every experiment on the limit cycle. `record`, when given, receives every sample, settling included. Status:
-// of the orbit search when that failed (nothing is identified then), else the worst the machine reported.
+// of the orbit search when that failed, failed when the cycle does not attract so that no experiment would settle
+// (nothing is identified then), else the worst the machine reported.
 template <class M, class Family>
 std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
                                           Record* record, const std::function<void(double)>& progress) {
@@ -51,6 +57,19 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   c.id.period = plan.options.period;
   c.id.worst = c.orbit.status;
   if (c.orbit.status != Status::ok) return campaign;
+  const std::vector<Complex> multipliers = eigenvalues(c.system.monodromy(0));
+  c.decay = multipliers.empty() ? std::numeric_limits<double>::infinity() : std::abs(multipliers[0]);
+  if (!(c.decay < attracting)) {
+    c.id.worst = Status::failed;
+    return campaign;
+  }
+  const auto settle = static_cast<double>(o.settle);
+  if (const double left = std::pow(c.decay, settle); left > 1e-4) {
+    char note[128];
+    std::snprintf(note, sizeof note, "after %.0f settling cycles %.1e of the first transient is left; %.0f leave 1e-4",
+                  settle, left, std::max(1.0, std::ceil(std::log(1e-4) / std::log(c.decay))));
+    c.id.notes.emplace_back(note);
+  }
 
   Output<M> noise = Output<M>::Zero();
   for (std::size_t i = 0; i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
