@@ -77,6 +77,30 @@ Excitation find_tones(const std::vector<double>& period, int cycles, int id, std
   return r;
 }
 
+// The mean over the cycles from sample `begin` to `end`: on multiples of the pumping frequency, where no tone is, so
+// that subtracting it changes no estimate and makes a missing sample neutral.
+template <class Sample>
+std::vector<Sample> mean_cycle(const std::vector<double>& y, std::int64_t begin, std::int64_t end, int sections) {
+  std::vector<Sample> mean(static_cast<std::size_t>(sections), Sample{});
+  std::vector<std::int64_t> count(mean.size(), 0);
+  for (std::int64_t i = begin; i < end; ++i) {
+    const double v = y[static_cast<std::size_t>(i)];
+    const auto s = static_cast<std::size_t>(i % sections);
+    if (std::isfinite(v)) mean[s][0] += (v - mean[s][0]) / static_cast<double>(++count[s]);
+  }
+  return mean;
+}
+
+// Samples at which some output was not measured.
+std::int64_t count_missing(const Grid& grid, std::int64_t begin, std::int64_t end) {
+  std::int64_t n = 0;
+  for (std::int64_t i = begin; i < end; ++i) {
+    n += std::any_of(grid.outputs.begin(), grid.outputs.end(),
+                     [i](const std::vector<double>& y) { return !std::isfinite(y[static_cast<std::size_t>(i)]); });
+  }
+  return n;
+}
+
 }  // namespace
 
 Identification identify_record(const Record& record, int harmonics) {
@@ -96,6 +120,7 @@ Identification identify_record(const Record& record, int harmonics) {
   }
   const int settle = record.settle_cycles.value_or(0);
   const int length = sections * period;
+  harmonics = std::min({harmonics, max_harmonics, (sections - 1) / 2});  // beyond, H_m is H_(m - sections) again
 
   Identification id;
   id.sections = sections;
@@ -103,19 +128,25 @@ Identification identify_record(const Record& record, int harmonics) {
   LineNoise noise;
   using Estimator = LineEstimator<1>;
   const auto estimator = std::make_unique<Estimator>();
-  bool any_period = false;
+  bool any_period = false, any_tone = false;
   for (const Experiment& e : experiments(record)) {
     const Grid grid = on_grid(record, e);
-    // The record's own cycle count decides the settling and the phase of the stimulus.
+    const std::string experiment = "experiment " + std::to_string(e.id);
+    // The record's own cycle count decides the phase of the stimulus, and the settling where it counts from 0.
     const std::int64_t first_sample = static_cast<std::int64_t>(grid.first_cycle) * sections;
-    const std::int64_t begin = std::max<std::int64_t>(0, settle - grid.first_cycle) * sections;
-    const auto available = static_cast<std::int64_t>(grid.cycles) * sections - begin;
-    if (available < length) {
-      id.notes.push_back("experiment " + std::to_string(e.id) +
-                         ": shorter than one stimulus period after settling, not used");
+    const bool counts_on = settle > 0 && grid.first_cycle >= settle;
+    const std::int64_t skipped = counts_on ? settle : std::max(0, settle - grid.first_cycle);
+    const std::int64_t begin = skipped * sections;
+    const std::int64_t end = begin + (std::int64_t{grid.cycles} * sections - begin) / length * length;
+    if (end <= begin) {
+      id.notes.push_back(experiment + ": shorter than one stimulus period after settling, not used");
       continue;
     }
     any_period = true;
+    if (counts_on) {
+      id.notes.push_back(experiment + ": begins at cycle " + std::to_string(grid.first_cycle) + ", its first " +
+                         std::to_string(settle) + " cycles left out as settling");
+    }
     const std::vector<double> u = mean_period(record, e, grid.inputs[0], length, static_cast<std::size_t>(begin));
     // Slot 0 of the mean is sample 0 of the grid; the estimator counts from the record's cycle 0.
     std::vector<double> aligned(u.size());
@@ -123,43 +154,46 @@ Identification identify_record(const Record& record, int harmonics) {
       aligned[static_cast<std::size_t>(wrap(first_sample + static_cast<std::int64_t>(n), length))] = u[n];
     }
     const Excitation tones = find_tones(aligned, period, e.id, id.notes);
-    id.samples += available / length * length;
-    id.missing += static_cast<std::int64_t>(grid.missing_rows);
+    any_tone = any_tone || !tones.lines.empty();
+    id.samples += end - begin;
+    id.missing += count_missing(grid, begin, end);
     for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
       const std::size_t n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
       const std::span<const int> lines(tones.lines.data() + from, n);
       for (std::size_t c = 0; c < grid.outputs.size(); ++c) {
         const std::vector<double>& y = grid.outputs[c];
-        // The mean cycle lies on multiples of the pumping frequency, where no tone is: subtracting it changes no
-        // estimate and makes a missing sample neutral.
-        std::vector<Estimator::Sample> baseline(static_cast<std::size_t>(sections), Estimator::Sample{});
-        for (int s = 0; s < sections; ++s) {
-          double sum = 0.0;
-          std::int64_t count = 0;
-          for (std::int64_t i = begin + s; i < begin + available / length * length; i += sections) {
-            const double v = y[static_cast<std::size_t>(i)];
-            if (std::isfinite(v)) sum += v, ++count;
-          }
-          if (count > 0) baseline[static_cast<std::size_t>(s)][0] = sum / static_cast<double>(count);
-        }
-        if (estimator->configure(sections, period, lines, std::min(harmonics, max_harmonics)) != Status::ok ||
-            estimator->set_baseline(baseline) != Status::ok) {
+        if (estimator->configure(sections, period, lines, harmonics) != Status::ok ||
+            estimator->set_baseline(mean_cycle<Estimator::Sample>(y, begin, end, sections)) != Status::ok) {
           refuse("the estimator cannot take it", "thin the record");
         }
-        for (std::int64_t i = begin; i < begin + available / length * length; ++i) {
+        for (std::int64_t i = begin; i < end; ++i) {
           const Status s = estimator->push(first_sample + i, {y[static_cast<std::size_t>(i)]});
           id.worst = worse(id.worst, s);
         }
+        const int holes = estimator->holes();
+        if (holes > 0 && from == 0) {
+          id.notes.push_back(experiment + ": " + std::to_string(holes) + " of the " + std::to_string(length) +
+                             " samples of a stimulus period were never measured of " + record.outputs[c].name +
+                             (holes == length ? ", which is left out" : " and count as undisturbed"));
+        }
+        if (holes == length) continue;
         collect(*estimator, std::span<const Complex>(tones.u.data() + from, n), static_cast<int>(c), 1, id, noise);
       }
     }
   }
-  if (!any_period)
+  if (!any_period) {
     refuse("no experiment has a whole stimulus period after its settling cycles",
            "record longer, or correct `# settle-cycles`");
-  if (id.htf.empty())
+  }
+  if (!any_tone) {
     refuse("no experiment excites the machine on lines that can be told apart",
            "record a stimulus; see `saltus design --help`");
+  }
+  for (std::size_t c = 0; c < record.outputs.size(); ++c) {
+    if (!id.select(0, static_cast<int>(c)).empty()) continue;
+    refuse(("nothing was measured of " + record.outputs[c].name + " where the machine is excited").c_str(),
+           "fill its column");
+  }
   finish(id, noise);
   return id;
 }
