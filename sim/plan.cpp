@@ -16,6 +16,9 @@ Plan make_plan(const PlanOptions& o) {
   }
   if (!(o.amplitude > 0.0) || !std::isfinite(o.amplitude)) refuse("--amplitude: give a positive number");
   const int last = last_line_below(o.band, o.period);
+  if (last > max_lines) {
+    refuse("--band, --period: more than " + std::to_string(max_lines) + " lines lie in the band; lower one of them");
+  }
   const auto partition = std::make_unique<Partition<max_lines>>();
   if (o.subsets == 0) {
     if (!optimal_partition(last, o.period, *partition)) refuse("--band, --period: no line lies in the band");

@@ -14,6 +14,7 @@ struct Options {
 };
 
 void run(const Options& o) {
+  const bool quiet = check_outputs({{"--csv", o.csv}, {"--samples", o.samples}, {"--json", o.json}});
   Plan plan;
   try {
     plan = o.design.plain() ? make_plan(o.plan) : design_plan(o.plan, o.design);
@@ -53,7 +54,7 @@ void run(const Options& o) {
     fewest = std::min(fewest, s.tones());
     most = std::max(most, s.tones());
   }
-  if (o.csv != "-" && o.json != "-" && o.samples != "-") {
+  if (!quiet) {
     std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n", plan.lines(),
                 o.plan.period, o.plan.band);
     std::printf(

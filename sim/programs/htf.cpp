@@ -23,45 +23,50 @@ struct Options {
 };
 
 template <class M, class Family>
-void run(const M& m, const Family& family, const Options& o, std::vector<HtfPanel>& panels, nlohmann::json& out) {
+void run(const M& m, const Family& family, const Options& o) {
   static_assert(input_count<M> == 1);
   constexpr int ny = output_count<M>;
+  const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--picture", o.picture}});
   const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
   const auto orbit = find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), family, *system);
   if (orbit.status != Status::ok) {
-    throw RunError(std::string(M::name) + ": no limit cycle found (" + std::string(name(orbit.status)) +
-                   "); see `saltus orbit " + std::string(M::name) + " --help`");
+    throw RunError(no_orbit(M::name, orbit.status, Family::on_grid));
   }
   std::string csv = "m,f,output,re,im\n";
   nlohmann::json values = nlohmann::json::array();
-  std::vector<HtfPanel> mine(static_cast<std::size_t>(ny));
+  std::vector<HtfPanel> panels(static_cast<std::size_t>(ny));
   std::vector<double> norm(static_cast<std::size_t>(ny * (2 * o.harmonics + 1)), 0.0);
   for (int i = 0; i < ny; ++i) {
     const Quantity& q = M::outputs[static_cast<std::size_t>(i)];
-    auto& p = mine[static_cast<std::size_t>(i)];
+    auto& p = panels[static_cast<std::size_t>(i)];
     p.output = q.name;
     p.unit = std::string(q.unit) + "/" + std::string(M::inputs[0].unit);
     p.sections = title_of(family);
     for (int k = -o.harmonics; k <= o.harmonics; ++k) p.exact.push_back({k, {}});
   }
   const int last = static_cast<int>(std::floor(o.band * o.resolution + 1e-9));
+  if (last < 1) throw UsageError("--band, --resolution: no line lies in the band; raise one of them");
   for (int q = 1; q <= last; ++q) {
     const double f = static_cast<double>(q) / o.resolution;
     const auto h = htf(*system, 2.0 * std::numbers::pi * f / sections_per_cycle);
     for (int k = -o.harmonics; k <= o.harmonics; ++k) {
       for (int i = 0; i < ny; ++i) {
         const Complex z = h(k)(i, 0);
+        if (!std::isfinite(std::abs(z))) {
+          throw RunError(std::string(M::name) + ": H_" + std::to_string(k) + " is not finite at f = " + number(f) +
+                         ", for a multiplier lies on the unit circle; change --set");
+        }
         const auto& q_out = M::outputs[static_cast<std::size_t>(i)];
         csv += std::to_string(k) + "," + number(f, "%.9g") + "," + std::string(q_out.name) + "," +
                number(z.real(), "%.15e") + "," + number(z.imag(), "%.15e") + "\n";
         if (!o.json.empty())
           values.push_back({{"m", k}, {"f", f}, {"output", q_out.name}, {"re", z.real()}, {"im", z.imag()}});
-        mine[static_cast<std::size_t>(i)].exact[static_cast<std::size_t>(k + o.harmonics)].points.emplace_back(f, z);
+        panels[static_cast<std::size_t>(i)].exact[static_cast<std::size_t>(k + o.harmonics)].points.emplace_back(f, z);
         norm[static_cast<std::size_t>(i * (2 * o.harmonics + 1) + k + o.harmonics)] += std::norm(z);
       }
     }
   }
-  if (o.csv != "-" && o.json != "-") {
+  if (!quiet) {
     std::printf(
         "%s, %s: exact HTFs at %d lines f = 1/%d ... %g cycles per cycle, input held over each of %d sections\n",
         std::string(M::name).c_str(), title_of(family), last, o.resolution, static_cast<double>(last) / o.resolution,
@@ -73,28 +78,32 @@ void run(const M& m, const Family& family, const Options& o, std::vector<HtfPane
       const auto at = [&](int k) {
         return norm[static_cast<std::size_t>(i * (2 * o.harmonics + 1) + k + o.harmonics)];
       };
-      for (int k = -o.harmonics; k <= o.harmonics; ++k) std::printf("%10.5f", std::sqrt(at(k) / at(0)));
+      for (int k = -o.harmonics; k <= o.harmonics; ++k) {
+        std::printf("%10.5f", at(0) > 0.0 ? std::sqrt(at(k) / at(0)) : 0.0);  // squares may underflow
+      }
     }
     std::printf("\n  largest abs(H_0):");
     for (int i = 0; i < ny; ++i) {
       double best = 0.0, where = 0.0;
-      for (const auto& [f, z] : mine[static_cast<std::size_t>(i)].exact[static_cast<std::size_t>(o.harmonics)].points) {
+      for (const auto& [f, z] :
+           panels[static_cast<std::size_t>(i)].exact[static_cast<std::size_t>(o.harmonics)].points) {
         if (std::abs(z) > best) best = std::abs(z), where = f;
       }
-      const auto& p = mine[static_cast<std::size_t>(i)];
+      const auto& p = panels[static_cast<std::size_t>(i)];
       std::printf("  %s %.6f %s at f = %g", p.output.c_str(), best, p.unit.c_str(), where);
     }
     std::printf("\n");
   }
+  const std::string picture = o.picture.empty() ? "" : magnitude_figure(panels).svg();
   if (!o.csv.empty()) write_text(o.csv, csv);
   if (!o.json.empty()) {
-    out = {{"model", M::name},
-           {"sections", name_of(family)},
-           {"sections_per_cycle", sections_per_cycle},
-           {"period", orbit.period},
-           {"htf", values}};
+    write_json(o.json, {{"model", M::name},
+                        {"sections", name_of(family)},
+                        {"sections_per_cycle", sections_per_cycle},
+                        {"period", orbit.period},
+                        {"htf", values}});
   }
-  panels.insert(panels.end(), mine.begin(), mine.end());
+  if (!o.picture.empty()) write_text(o.picture, picture);
 }
 
 }  // namespace
@@ -125,11 +134,7 @@ void add_htf(CLI::App& app) {
     with_model(o->model, [&](auto m) {
       using M = decltype(m);
       if constexpr (input_count<M> == 1) {
-        std::vector<HtfPanel> panels;
-        nlohmann::json json;
-        o->sections.visit<M>([&](const auto& family) { run(m, family, *o, panels, json); });
-        if (!o->json.empty()) write_json(o->json, json);
-        if (!o->picture.empty()) magnitude_figure(panels).write_svg(o->picture);
+        o->sections.visit<M>([&](const auto& family) { run(m, family, *o); });
       } else {
         throw RunError(std::string(M::name) +
                        " has no input, so it has no harmonic transfer functions; choose a model that has one");

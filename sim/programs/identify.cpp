@@ -1,6 +1,9 @@
 // saltus identify MODEL: drives a machine, or reads a record of one, and identifies its harmonic transfer functions.
 #include "identify.hpp"
 
+#include <cmath>
+#include <numbers>
+
 #include "../record_identification.hpp"
 
 namespace saltus::program {
@@ -18,10 +21,15 @@ void match_channels(const Record& record) {
     throw RecordError(record.name, "it is a record of the model '" + record.model + "', not of " + std::string(M::name),
                       "name that model on the command line");
   }
-  const auto same = [](const auto& a, const auto& b) {
+  const auto same = [&](const auto& a, const auto& b) {
     if (a.size() != b.size()) return false;
     for (std::size_t i = 0; i < a.size(); ++i) {
       if (std::string_view(a[i].name) != b[i].name) return false;
+      if (a[i].unit.empty() || std::string_view(a[i].unit) == b[i].unit) continue;
+      throw RecordError(
+          record.name,
+          a[i].name + " is in " + a[i].unit + "; " + std::string(M::name) + " has it in " + std::string(b[i].unit),
+          "convert the column and correct its unit in the header");
     }
     return true;
   };
@@ -39,10 +47,20 @@ void match_channels(const Record& record) {
   }
 }
 
+// A clock that turns in another time than the model's is another machine's.
+void match_period(const Record& record, double period) {
+  if (!record.cycle_period || std::abs(*record.cycle_period - period) <= 1e-3 * period) return;
+  throw RecordError(
+      record.name, "its clock turns in " + number(*record.cycle_period) + " s, the model's in " + number(period) + " s",
+      "set the model's clock rate, --set omega=" + number(2.0 * std::numbers::pi / *record.cycle_period) +
+          ", or correct `# cycle-period-s`");
+}
+
 template <class M>
-void run_record(const M& m, const IdentifyOptions& o) {
+void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
   const Record record = read_record(std::filesystem::path(o.record));
   match_channels<M>(record);
+  if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
   Identified r;
   r.sections = "clock";
   r.title = "isochrons";
@@ -58,23 +76,20 @@ void run_record(const M& m, const IdentifyOptions& o) {
       r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
     }
   }
-  const bool quiet = o.json == "-" || o.csv == "-";
   if (!quiet) {
     std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; %lld samples used, %lld missing\n",
                 o.record.c_str(), record.rows(), r.id.sections, r.id.period, static_cast<long long>(r.id.samples),
                 static_cast<long long>(r.id.missing));
-    for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+    print_notes(r);
     print_standard_errors(r);
     print_multipliers(r);
   }
+  nlohmann::json json = json_of(r);
+  json["model"] = M::name;
+  json["record"] = o.record;
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r), quiet);
   if (!o.csv.empty()) write_text(o.csv, csv_of(r));
-  if (!o.json.empty()) {
-    nlohmann::json j = json_of(r);
-    j["model"] = M::name;
-    j["record"] = o.record;
-    write_json(o.json, j);
-  }
-  if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r));
+  if (!o.json.empty()) write_json(o.json, json);
 }
 
 Record new_record(std::string_view model, const Plan& plan, const IdentifyOptions& o, double period, const auto& inputs,
@@ -92,7 +107,7 @@ Record new_record(std::string_view model, const Plan& plan, const IdentifyOption
 }
 
 template <class M>
-void run_rig(const M& m, IdentifyOptions o) {
+void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   const bool paper = o.protocol == "paper";
   Plan plan;
   try {
@@ -100,7 +115,6 @@ void run_rig(const M& m, IdentifyOptions o) {
   } catch (const std::invalid_argument& e) {
     throw UsageError(e.what());
   }
-  const bool quiet = o.json == "-" || o.csv == "-";
   if (!quiet) {
     std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = %g, %g %s a tone%s\n",
                 std::string(M::name).c_str(), plan.experiments.size(), static_cast<long long>(o.campaign.settle),
@@ -110,20 +124,16 @@ void run_rig(const M& m, IdentifyOptions o) {
   std::vector<Identified> families;
   std::vector<HtfPanel> panels;
   nlohmann::json json = nlohmann::json::array();
+  Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
   o.sections.visit<M>([&](const auto& family) {
-    const bool first = families.empty();
-    constexpr bool on_clock = std::decay_t<decltype(family)>::on_grid;
-    if (!o.save.empty() && !on_clock) throw UsageError("--save: a record is paced by the clock; use --sections clock");
-    Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
     const Identified r = identify_rig(m, family, o, plan, o.save.empty() ? nullptr : &record);
-    if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
     if (!quiet) {
       std::printf("%s\n", r.title.c_str());
+      print_notes(r);
       print_errors(r);
       if (!o.campaign.noise.empty()) print_standard_errors(r);
       print_multipliers(r);
     }
-    if (!o.csv.empty()) write_text(first ? o.csv : beside(o.csv, r.sections), csv_of(r));
     nlohmann::json j = json_of(r);
     j["model"] = M::name;
     json.push_back(j);
@@ -131,8 +141,24 @@ void run_rig(const M& m, IdentifyOptions o) {
     families.push_back(r);
   });
   if (!quiet && paper) print_paper_table(families);
+  // Nothing is written before everything is known.
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels, quiet);
+  if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
+  for (const Identified& r : families) {
+    if (o.csv.empty()) break;
+    write_text(&r == &families.front() ? o.csv : beside(o.csv, r.sections), csv_of(r));
+  }
   if (!o.json.empty()) write_json(o.json, json.size() == 1 ? json[0] : json);
-  if (!o.pictures.empty()) write_pictures(o.pictures, panels);
+}
+
+// With --record the machine has been driven already: what would drive it does not apply.
+void check_record_options(const CLI::App& command) {
+  for (const char* option : {"--link", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
+                             "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
+    if (command.count(option) == 0) continue;
+    throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
+                     "leave out one of the two");
+  }
 }
 
 void run(const IdentifyOptions& given, const CLI::App& command) {
@@ -150,6 +176,19 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   } else if (untouched("--subsets")) {
     o.plan.opposed = true;
   }
+  if (!o.record.empty()) check_record_options(command);
+  const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--save", o.save}});
+  if (o.csv == "-" && o.sections.family == "both") {
+    throw UsageError("--csv -: there is one table for each family of sections; name a file, or choose --sections");
+  }
+  if (!o.save.empty() && (o.save == "-" || o.sections.family != "clock")) {
+    throw UsageError("--save: name a file, and use --sections clock, for a record is paced by the clock");
+  }
+  for (const double sigma : o.campaign.noise) {
+    if (!(sigma >= 0.0) || !std::isfinite(sigma)) {
+      throw UsageError("--noise " + number(sigma) + ": a standard deviation is a finite number, 0 or above");
+    }
+  }
   o.campaign.ticks = o.model.ticks;
   o.campaign.seed = o.plan.seed;
   if (untouched("--periods") && !o.campaign.noise.empty()) o.campaign.periods = 4;
@@ -161,9 +200,9 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
                          " outputs; give one number for each");
       }
       if (o.record.empty()) {
-        run_rig(m, o);
+        run_rig(m, o, quiet);
       } else {
-        run_record(m, o);
+        run_record(m, o, quiet);
       }
     } else {
       throw RunError(std::string(M::name) + " has no input to drive; choose a model that has one");
@@ -212,8 +251,7 @@ void add_identify(CLI::App& app) {
   command
       ->add_option("--noise", o->campaign.noise,
                    "standard deviation of each output of the emulated machine, in its unit")
-      ->delimiter(',')
-      ->check(CLI::NonNegativeNumber);
+      ->delimiter(',');
   command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
   command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
       ->type_name("FILE");

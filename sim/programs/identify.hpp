@@ -45,10 +45,11 @@ struct Identified {
 std::vector<HtfPanel> panels_of(const Identified& id);
 std::string csv_of(const Identified& id);
 nlohmann::json json_of(const Identified& id);
+void print_notes(const Identified& id);
 void print_errors(const Identified& id);
 void print_multipliers(const Identified& id);
 void print_standard_errors(const Identified& id);
-void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels);
+void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels, bool quiet = false);
 // Figs. 3 and 4 of the paper as a table: paper, computed, identified.
 void print_paper_table(const std::vector<Identified>& families);
 
@@ -92,11 +93,17 @@ Identified identify_rig(const M& m, const Family& family, const IdentifyOptions&
   Progress progress(std::string(M::name) + ", " + title_of(family));
   const auto campaign =
       run_campaign(m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); });
+  if (campaign->orbit.status != Status::ok) {
+    throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
+  }
+  if (!(campaign->decay < attracting)) {
+    throw RunError(std::string(M::name) +
+                   ": its limit cycle does not attract, so that no experiment settles (a cycle " + "leaves " +
+                   number(campaign->decay) + " of a deviation); change --set");
+  }
   if (!usable(campaign->id.worst)) {
-    const bool orbit = campaign->orbit.status != Status::ok;
-    throw RunError(std::string(M::name) + ": " +
-                   (orbit ? "no limit cycle found (" : "the machine left its cycle during the campaign (") +
-                   std::string(name(campaign->id.worst)) + (orbit ? "); change --set" : "); lower --amplitude"));
+    throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign (" +
+                   std::string(name(campaign->id.worst)) + "); lower --amplitude");
   }
   Identified r;
   r.sections = name_of(family);

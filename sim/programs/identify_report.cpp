@@ -149,6 +149,10 @@ nlohmann::json json_of(const Identified& r) {
   return j;
 }
 
+void print_notes(const Identified& r) {
+  for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+}
+
 void print_errors(const Identified& r) {
   if (!r.has_exact) return;
   std::printf("  identified - model, over the norm of H_0 (in brackets: worst line, over the largest H_0)\n");
@@ -157,6 +161,7 @@ void print_errors(const Identified& r) {
     const auto h0 = r.norms(0, output);
     std::printf("    %-6s", r.outputs[c].c_str());
     for (const int m : {-1, 0, 1}) {
+      if (r.id.select(m, output).empty()) continue;
       const auto n = r.norms(m, output);
       std::printf("   H_%-2d %.2e (%.2e)", m, n.error / h0.exact, n.worst / h0.largest);
     }
@@ -213,12 +218,14 @@ void print_standard_errors(const Identified& r) {
   }
 }
 
-void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels) {
+void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels, bool quiet) {
+  const std::string magnitudes = magnitude_figure(panels).svg(), fits = fit_figure(panels).svg();
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw RunError(folder + ": the folder cannot be made; choose another for --pictures");
-  magnitude_figure(panels).write_svg(folder + "/htf.svg");
-  fit_figure(panels).write_svg(folder + "/fit.svg");
+  write_text(folder + "/htf.svg", magnitudes);
+  write_text(folder + "/fit.svg", fits);
+  if (quiet) return;
   std::printf("pictures: %s/htf.svg, %s/fit.svg\n", folder.c_str(), folder.c_str());
 }
 
@@ -256,6 +263,7 @@ void print_paper_table(const std::vector<Identified>& families) {
             number(h0.largest, "%.6f") + " at f = " + number(h0.largest_f, "%.3f"));
       }
       for (const int m : {-2, -1, 1, 2}) {
+        if (r.id.select(m, output).empty()) continue;
         const auto n = r.norms(m, output);
         row("  norm of H_" + std::to_string(m) + " over H_0, " + r.outputs[c],
             std::abs(m) > 1 ? (clock ? "negligible" : "negligible (3)") : "Fig. 3", number(n.exact / h0.exact, "%.5f"),

@@ -18,7 +18,14 @@ int main(int argc, char** argv) {
   add_identify(app);
   add_demo(app);
   try {
+    const std::string first = argc > 1 ? argv[1] : "-";
+    if (first[0] != '-' && app.get_subcommands([&](const CLI::App* c) { return c->get_name() == first; }).empty()) {
+      throw UsageError("there is no command '" + first + "'; see saltus --help");
+    }
     app.parse(argc, argv);
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0) {
+      throw RunError("standard output cannot be written; see that there is room and that something reads it");
+    }
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : 2;
   } catch (const UsageError& e) {

@@ -69,10 +69,11 @@ void add_models(CLI::App& app) {
   auto json = std::make_shared<std::string>();
   command->add_option("--json", *json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->callback([json] {
+    const bool quiet = check_outputs({{"--json", *json}});
     nlohmann::json all = nlohmann::json::array();
     visit_each(KnownModels{}, [&](auto m) { all.push_back(describe(m)); });
     if (!json->empty()) write_json(*json, all);
-    if (*json == "-") return;
+    if (quiet) return;
     for (const auto& j : all) print(j);
   });
 }

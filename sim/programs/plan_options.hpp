@@ -14,7 +14,9 @@ inline void add_plan_options(CLI::App& command, PlanOptions& plan) {
       ->capture_default_str();
   command.add_option("--band", plan.band, "lines strictly below this f, cycles per cycle")->capture_default_str();
   command.add_option("--amplitude", plan.amplitude, "of each cosine, in the unit of the input")->capture_default_str();
-  command.add_option("--seed", plan.seed, "of phases, random partition and noise")->capture_default_str();
+  command.add_option("--seed", plan.seed, "of phases, random partition and noise")
+      ->check([](const std::string& text) { return text.find('-') == text.npos ? "" : text + " is negative"; })
+      ->capture_default_str();
 }
 
 }  // namespace saltus::program

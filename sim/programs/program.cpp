@@ -5,9 +5,8 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
-#include <iostream>
+
+#include "../report/write_file.hpp"
 
 namespace saltus::program {
 
@@ -37,22 +36,31 @@ Setting parse_setting(const std::string& text, const char* option) {
   return s;
 }
 
+bool check_outputs(std::initializer_list<OutputFile> files) {
+  const char* taken = nullptr;
+  for (const auto& [option, path] : files) {
+    if (path == "-") {
+      if (taken != nullptr) {
+        throw UsageError(std::string(option) + " -: " + taken + " goes to standard output already; name a file");
+      }
+      taken = option;
+    } else if (!path.empty()) {
+      check_writable(path);
+    }
+  }
+  return taken != nullptr;
+}
+
 void write_text(const std::string& path, const std::string& text) {
   if (path == "-") {
-    std::cout << text << std::flush;
-    return;
+    std::fwrite(text.data(), 1, text.size(), stdout);  // main() sees whether it arrived
+  } else {
+    write_file(path, text);
   }
-  const std::string beside = path + ".part";
-  std::ofstream out(beside, std::ios::binary);
-  out << text;
-  out.close();
-  std::error_code error;
-  if (out) std::filesystem::rename(beside, path, error);
-  if (!out || error) {
-    std::error_code ignored;
-    std::filesystem::remove(beside, ignored);
-    throw RunError(path + ": cannot be written; choose a folder that exists and may be written to");
-  }
+}
+
+void write_json(const std::string& path, const nlohmann::json& j) {
+  write_text(path, j.dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n");
 }
 
 Progress::Progress(std::string what) : what_(std::move(what)), terminal_(isatty(STDERR_FILENO) != 0) {}

@@ -79,9 +79,17 @@ void with_model(const ModelChoice& choice, F&& f) {
   if (!found) throw UsageError("there is no model '" + choice.name + "'; there are " + known_models());
 }
 
+// Where a command writes: an option and its path, empty where it is not given.
+struct OutputFile {
+  const char* option;
+  const std::string& path;
+};
+// Before the work begins: refuses a path that cannot be written and a second "-". True when one is "-", so that tables
+// have to keep off standard output.
+bool check_outputs(std::initializer_list<OutputFile> files);
 // Writes text to a file, whole or not at all, or to standard output when path is "-".
 void write_text(const std::string& path, const std::string& text);
-inline void write_json(const std::string& path, const nlohmann::json& j) { write_text(path, j.dump(2) + "\n"); }
+void write_json(const std::string& path, const nlohmann::json& j);
 
 // One line on a terminal, rewritten as work goes on; silent elsewhere.
 class Progress {

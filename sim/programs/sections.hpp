@@ -1,6 +1,8 @@
 // The choice of Poincaré sections on a command line.
 #pragma once
 
+#include <cmath>
+
 #include "../../core/orbit/section.hpp"
 #include "program.hpp"
 
@@ -28,6 +30,9 @@ struct SectionChoice {
   // Calls f(family) once for each chosen family.
   template <class M, class F>
   void visit(F&& f) const {
+    if (family == "clock" && !kinematic.empty()) {
+      throw UsageError("--kinematic: the sections are those of the clock; add --sections kinematic");
+    }
     if constexpr (clocked<M>) {
       if (family != "kinematic") f(ClockPhases{sections_per_cycle});
     } else if (family == "clock") {
@@ -41,6 +46,9 @@ struct SectionChoice {
         k.o_v = kinematic[1];
         k.s_p = kinematic[2];
         k.s_v = kinematic[3];
+        for (const double x : kinematic) {
+          if (!std::isfinite(x)) throw UsageError("--kinematic: give four finite numbers");
+        }
         if (!(k.s_p > 0.0 && k.s_v > 0.0)) throw UsageError("--kinematic: the scales s_p and s_v must be positive");
       } else if (M::name != std::string_view("hopper")) {
         throw UsageError(
@@ -52,6 +60,12 @@ struct SectionChoice {
     }
   }
 };
+
+// Why a search for the limit cycle failed, and what to try.
+inline std::string no_orbit(std::string_view model, Status status, bool clock) {
+  return std::string(model) + ": no limit cycle found (" + std::string(name(status)) + "); change --set" +
+         (clock ? "" : ", or --kinematic where the orbit does not circle its point");
+}
 
 inline const char* name_of(const ClockPhases&) { return "clock"; }
 inline const char* name_of(const KinematicPhases&) { return "kinematic"; }
