@@ -1,0 +1,294 @@
+#include "multiplier_region.hpp"
+
+#include <Eigen/LU>
+#include <Eigen/QR>
+#include <Eigen/SVD>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+#include "core/random.hpp"
+#include "core/spectrum/fit.hpp"
+
+namespace saltus {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXcd;
+using Eigen::VectorXd;
+using Index = Eigen::Index;
+
+// One H_m of one output; real parts above imaginary ones.
+struct Series {
+  VectorXcd value;
+  VectorXd weight;  // 1 / sigma
+};
+
+struct Problem {
+  Index lines = 0;
+  int sections = 0, count = 0;
+  std::vector<VectorXcd> power;  // z^-(N k), k = 0 ... count
+  MatrixXd taps;                 // orthonormal columns, (2 lines x independent taps)
+  std::vector<Series> series;
+};
+
+VectorXd stacked(const VectorXcd& x) {
+  VectorXd r(2 * x.size());
+  r << x.real(), x.imag();
+  return r;
+}
+
+VectorXcd unstacked(const VectorXd& x) {
+  const Index n = x.size() / 2;
+  VectorXcd r(n);
+  r.real() = x.head(n);
+  r.imag() = x.tail(n);
+  return r;
+}
+
+VectorXcd denominator(const Problem& p, const VectorXd& a) {
+  VectorXcd d = p.power[0];
+  for (Index k = 0; k < a.size(); ++k) d += a[k] * p.power[static_cast<std::size_t>(k) + 1];
+  return d;
+}
+
+// Taps weighted by w / A, projected out of columns: x - Q Q^T x.
+class Projection {
+ public:
+  Projection(const Problem& p, const VectorXcd& factor) : columns_(p.taps.cols()) {
+    MatrixXd m(2 * p.lines, columns_);
+    for (Index j = 0; j < columns_; ++j) m.col(j) = stacked(unstacked(p.taps.col(j)).cwiseProduct(factor));
+    qr_.compute(m);
+  }
+  VectorXd operator()(const VectorXd& x) const {
+    VectorXd y = x;
+    y.applyOnTheLeft(qr_.householderQ().setLength(columns_).adjoint());
+    y.head(columns_).setZero();
+    y.applyOnTheLeft(qr_.householderQ().setLength(columns_));
+    return y;
+  }
+
+ private:
+  Index columns_;
+  Eigen::HouseholderQR<MatrixXd> qr_;
+};
+
+// Normal equations of one linear problem around a; Gauss-Newton, or Sanathanan & Koerner's where `modelled` is false.
+struct Normal {
+  MatrixXd matrix;
+  VectorXd rhs;
+  double cost = 0.0;
+};
+
+Normal normal_equations(const Problem& p, const VectorXd& a, bool modelled) {
+  Normal n{MatrixXd::Zero(p.count, p.count), VectorXd::Zero(p.count), 0.0};
+  const VectorXcd d = denominator(p, a);
+  for (const Series& s : p.series) {
+    const VectorXcd factor = s.weight.cast<Complex>().cwiseQuotient(d);
+    const Projection complement(p, factor);
+    const VectorXd y = stacked(s.weight.cast<Complex>().cwiseProduct(s.value));
+    const VectorXd residual = complement(y);
+    n.cost += residual.squaredNorm();
+    const VectorXcd fitted = unstacked(modelled ? VectorXd(y - residual) : y).cwiseQuotient(d);
+    MatrixXd slope(2 * p.lines, p.count);
+    for (Index k = 0; k < p.count; ++k) {
+      slope.col(k) = complement(stacked(fitted.cwiseProduct(p.power[static_cast<std::size_t>(k) + 1])));
+    }
+    n.matrix += slope.transpose() * slope;
+    n.rhs -= slope.transpose() * residual;
+  }
+  return n;
+}
+
+struct Solution {
+  bool ok = false;
+  VectorXd a;
+  MatrixXd covariance;  // of a, for unit complex variance of weighted values
+  double cost = 0.0;
+};
+
+Solution solve(const Problem& p, VectorXd a, int reweightings) {
+  for (int i = 0; i < reweightings; ++i) {
+    // The equation error A y - B, weighted by the last A, is linear in A: its value at a is the residual there.
+    const Normal n = normal_equations(p, a, false);
+    const VectorXd step = n.matrix.ldlt().solve(n.rhs);
+    a += step;
+    if (step.norm() < 1e-4 * (1.0 + a.norm())) break;
+  }
+  Solution r;
+  Normal n = normal_equations(p, a, true);
+  for (int i = 0; i < 30; ++i) {
+    const VectorXd step = n.matrix.ldlt().solve(n.rhs);
+    double length = 1.0;
+    Normal next = normal_equations(p, a + step, true);
+    for (int half = 0; half < 6 && !(next.cost <= n.cost * (1.0 + 1e-12)); ++half) {
+      length *= 0.5;
+      next = normal_equations(p, a + length * step, true);
+    }
+    a += length * step;
+    n = next;
+    if (!a.allFinite()) return r;
+    if (step.norm() < 1e-9 * (1.0 + a.norm())) {
+      r.ok = true;
+      break;
+    }
+  }
+  r.a = a;
+  r.cost = n.cost;
+  r.covariance = 0.5 * n.matrix.inverse();
+  return r;
+}
+
+std::vector<Complex> roots_of(const VectorXd& a) {
+  const auto copy = [&](auto coefficients) {
+    for (std::size_t k = 0; k < coefficients.size(); ++k) coefficients[k] = a[static_cast<Index>(k)];
+    const auto z = roots(coefficients);
+    return std::vector<Complex>(z.begin(), z.end());
+  };
+  switch (a.size()) {
+    case 1:
+      return copy(std::array<double, 1>{});
+    case 2:
+      return copy(std::array<double, 2>{});
+    case 3:
+      return copy(std::array<double, 3>{});
+    default:
+      return copy(std::array<double, 4>{});
+  }
+}
+
+double distance(const Eigen::Matrix2d& covariance, Complex d) {  // Mahalanobis, squared
+  const Eigen::Vector2d v(d.real(), d.imag());
+  // A real multiplier has no error across the axis: a floor of rounding keeps the ellipse an ellipse.
+  const Eigen::Matrix2d c = covariance + 1e-12 * covariance.trace() * Eigen::Matrix2d::Identity();
+  return v.dot(c.inverse() * v);
+}
+
+}  // namespace
+
+double MultiplierRegion::sigma(std::size_t i) const { return std::sqrt(covariance[i].trace()); }
+
+namespace {
+// An ellipse of two dimensions, or an interval where the multiplier is real.
+bool inside(const Eigen::Matrix2d& covariance, Complex centre, Complex z, double level) {
+  const bool real = covariance(1, 1) <= 1e-9 * covariance(0, 0);
+  if (!real) return distance(covariance, z - centre) < -2.0 * std::log1p(-level);
+  return std::erf(std::abs(z.real() - centre.real()) / std::sqrt(2.0 * covariance(0, 0))) < level;
+}
+}  // namespace
+
+bool MultiplierRegion::holds(std::size_t i, Complex z, double level) const {
+  return inside(covariance[i], multipliers[i], z, level);
+}
+
+bool MultiplierRegion::holds_by_bootstrap(std::size_t i, Complex z, double level) const {
+  Eigen::Matrix2d c = Eigen::Matrix2d::Zero();
+  for (const auto& r : replicates) {
+    const Eigen::Vector2d d(r[i].real() - multipliers[i].real(), r[i].imag() - multipliers[i].imag());
+    c += d * d.transpose() / static_cast<double>(replicates.size());
+  }
+  return inside(c, multipliers[i], z, level);
+}
+
+MultiplierRegion multiplier_region(const Identification& id, int outputs, const RegionOptions& o) {
+  MultiplierRegion region;
+  if (o.count < 1 || o.count > 4) return region;
+  Problem p;
+  p.sections = id.sections;
+  p.count = o.count;
+  bool known = true;
+  std::vector<HtfEstimate> first = id.select(0, 0);
+  p.lines = static_cast<Index>(first.size());
+  const Index taps = (o.count + 1) * id.sections;
+  if (2 * p.lines < taps + 4 * o.count) return region;
+  for (int m = -o.harmonics; m <= o.harmonics; ++m) {
+    for (int c = 0; c < outputs; ++c) {
+      const auto list = id.select(m, c);
+      if (static_cast<Index>(list.size()) != p.lines) continue;
+      Series s{VectorXcd(p.lines), VectorXd(p.lines)};
+      for (Index q = 0; q < p.lines; ++q) {
+        const HtfEstimate& h = list[static_cast<std::size_t>(q)];
+        s.value[q] = h.value;
+        known = known && std::isfinite(h.sigma) && h.sigma > 0.0;
+        s.weight[q] = std::isfinite(h.sigma) && h.sigma > 0.0 ? 1.0 / h.sigma : 1.0;
+      }
+      p.series.push_back(s);
+    }
+  }
+  if (p.series.empty()) return region;
+  if (!known) {  // each series by its own size
+    for (Series& s : p.series) {
+      const double size = std::sqrt(s.value.squaredNorm() / static_cast<double>(p.lines));
+      s.weight.setConstant(size > 0.0 ? 1.0 / size : 0.0);
+    }
+  }
+  MatrixXd raw(2 * p.lines, taps);
+  for (int k = 0; k <= o.count; ++k) p.power.emplace_back(p.lines);
+  for (Index q = 0; q < p.lines; ++q) {
+    const auto line = static_cast<std::int64_t>(first[static_cast<std::size_t>(q)].line);
+    const std::int64_t length = std::int64_t{id.sections} * id.period;
+    for (Index j = 0; j < taps; ++j) {
+      const Complex w = root_of_unity(-line * j, length);
+      raw(q, j) = w.real();
+      raw(p.lines + q, j) = w.imag();
+    }
+    for (int k = 0; k <= o.count; ++k) {
+      p.power[static_cast<std::size_t>(k)][q] = root_of_unity(-line * k * id.sections, length);
+    }
+  }
+  {  // A band leaves some combinations of taps free: those that it tells apart span the same responses.
+    const Eigen::BDCSVD<MatrixXd> svd(raw, Eigen::ComputeThinU);
+    Index kept = 0;
+    while (kept < taps && svd.singularValues()[kept] > 1e-7 * svd.singularValues()[0]) ++kept;
+    p.taps = svd.matrixU().leftCols(kept);
+  }
+  const Solution s = solve(p, VectorXd::Zero(o.count), 20);
+  if (!s.ok) return region;
+  region.series = static_cast<int>(p.series.size());
+  region.multipliers = roots_of(s.a);
+  region.chi_square = 2.0 * s.cost;
+  region.freedom = static_cast<double>(region.series) * static_cast<double>(2 * p.lines - p.taps.cols()) - o.count;
+  const double scale = known ? 1.0 : region.chi_square / region.freedom;
+  for (std::size_t i = 0; i < region.multipliers.size(); ++i) {
+    const Complex x = region.multipliers[i];
+    Complex slope = 1.0;  // of the polynomial at its root
+    for (std::size_t k = 0; k < region.multipliers.size(); ++k) slope *= k == i ? 1.0 : x - region.multipliers[k];
+    MatrixXd jacobian(2, o.count);
+    for (int k = 0; k < o.count; ++k) {
+      const Complex d = -std::pow(x, o.count - 1 - k) / slope;
+      jacobian(0, k) = d.real();
+      jacobian(1, k) = x.imag() == 0.0 ? 0.0 : d.imag();
+    }
+    region.covariance.emplace_back(scale * jacobian * s.covariance * jacobian.transpose());
+  }
+  region.status = known ? Status::ok : Status::missing;
+
+  Random random(o.seed);
+  std::vector<VectorXcd> fitted;
+  const VectorXcd d = denominator(p, s.a);
+  for (const Series& one : p.series) {
+    const Projection complement(p, one.weight.cast<Complex>().cwiseQuotient(d));
+    const VectorXd y = stacked(one.weight.cast<Complex>().cwiseProduct(one.value));
+    fitted.push_back(unstacked(y - complement(y)).cwiseQuotient(one.weight.cast<Complex>()));
+  }
+  for (int b = 0; b < o.replicates; ++b) {
+    Problem drawn = p;
+    for (std::size_t i = 0; i < drawn.series.size(); ++i) {
+      for (Index q = 0; q < p.lines; ++q) {
+        const double re = random.normal(), im = random.normal();
+        drawn.series[i].value[q] = fitted[i][q] + std::sqrt(0.5 * scale) / p.series[i].weight[q] * Complex{re, im};
+      }
+    }
+    const Solution again = solve(drawn, s.a, 0);
+    if (again.ok) region.replicates.push_back(roots_of(again.a));
+  }
+  return region;
+}
+
+double agreement(const MultiplierRegion& a, const MultiplierRegion& b, std::size_t i) {
+  const Eigen::Matrix2d c = a.covariance[i] + b.covariance[i];
+  return std::exp(-0.5 * distance(c, a.multipliers[i] - b.multipliers[i]));
+}
+
+}  // namespace saltus
