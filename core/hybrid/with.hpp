@@ -6,6 +6,7 @@
 //   S      guard (E, const Vec<n, S>& x, const Vec<nu, S>& u) const     added to the guard of edge E
 //   Vec<n'> reset(E, const Vec<n, S>& before, const Vec<n', S>& after, const Vec<nu, S>& u) const    replaces the state
 //                                                                        after edge E
+//                                                                        or (model, E, before, after, u)
 //   Vec<nu> input (const Vec<nu, S>& u) const                            replaces the input
 //   Vec<ny> output(const Vec<ny, S>& y) const                            replaces the output
 // An effect acts where its overloads fit; one that acts nowhere does not compile. An effect whose parameters are all
@@ -107,6 +108,7 @@ struct With {
     Vec<E::to::dim, S> after = model.reset(edge, x, u);
     each_effect([&](const auto& e) {
       if constexpr (requires { e.reset(edge, x, after, u); }) after = e.reset(edge, x, after, u);
+      if constexpr (requires { e.reset(model, edge, x, after, u); }) after = e.reset(model, edge, x, after, u);
     });
     return after;
   }
@@ -151,6 +153,11 @@ struct With {
   template <class P, class E>
   requires requires(const M& m, P p, E e) { m.reaction(p, e); }
   S reaction(P p, E e) const noexcept { return model.reaction(p, e); }
+
+  // [s] The longest step a stiff chart allows.
+  template <class C>
+  requires requires(const M& m, C c) { m.longest_step(c); }
+  double longest_step(C c) const noexcept { return model.longest_step(c); }
 
   auto start() const noexcept { return model.start(); }
 
@@ -211,6 +218,9 @@ struct With {
         ((requires(const E& e, const Vec<Es::from::dim, S>& x, const Vec<Es::to::dim, S>& after, const U& u) {
            e.reset(Es{}, x, after, u);
          }) ||
+         ... || false) ||
+        ((requires(const M& m, const E& e, const Vec<Es::from::dim, S>& x, const Vec<Es::to::dim, S>& after,
+                   const U& u) { e.reset(m, Es{}, x, after, u); }) ||
          ... || false) ||
         ((requires(const E& e, const Vec<Es::from::dim, S>& x, const U& u) { e.guard(Es{}, x, u); }) || ... || false);
     constexpr bool on_ports = (forced_somewhere<E, Ps, Cs...>() || ... || false);

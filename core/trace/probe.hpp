@@ -210,15 +210,17 @@ class Probe {
     }
   }
 
-  // One step, in parts where a kinked force changes sign within it.
+  // One step, in parts where a kinked force changes sign within it or a chart is stiff.
   void piece(double h) noexcept {
     const Vec<nu, D> u = wires_.input_lag.value > 0.0 ? relax(input(held_), h) : filtered_;
     const Input<M> u0 = value_of(u);
     const Point<M> before = at_;
     const std::uint64_t signs = kink_signs(before);
     const Passage r = advance(model_, at_, u0, h);
-    constexpr int parts = 16;
-    if (usable(r.status) && signs != kink_signs(at_)) {
+    int parts = signs == kink_signs(at_) ? 1 : 16;
+    const double limit = std::min(longest_step(before), longest_step(at_));
+    if (h > limit) parts = std::max(parts, static_cast<int>(std::ceil(h / limit)));
+    if (parts > 1) {
       at_ = before;
       for (int i = 0; i < parts && usable(status_); ++i) follow(u, u0, advance_from(u0, h / parts));
       return;
@@ -257,6 +259,15 @@ class Probe {
     });
     for (int i = 0; i < max_dim<M>; ++i) moving_.x[i].value = at_.x[i];
     if (lagging_) smooth(from, reading_at(at_, moving_, u, u0), r.elapsed - done);
+  }
+
+  // [s] The longest step that the chart a point is in allows.
+  double longest_step(const Point<M>& p) const noexcept {
+    double h = std::numeric_limits<double>::infinity();
+    visit_chart(p, [&](auto c) {
+      if constexpr (requires { model_.longest_step(c); }) h = model_.longest_step(c);
+    });
+    return h;
   }
 
   // The signs of the rates at which kinked forces jump, one bit each.

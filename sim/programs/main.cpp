@@ -16,6 +16,8 @@ int main(int argc, char** argv) {
   add_htf(app);
   add_design(app);
   add_identify(app);
+  add_coverage(app);
+  add_diagnose(app);
   add_demo(app);
   try {
     const std::string first = argc > 1 ? argv[1] : "-";

@@ -1,0 +1,62 @@
+// A record as a diagnosis needs it: stretches of measurement in which nothing is unknown but the start, the noise of
+// each output, and what had to be left out.
+#pragma once
+
+#include <Eigen/Core>
+
+#include <string>
+#include <vector>
+
+#include "hal/record.hpp"
+#include "machine.hpp"
+
+namespace saltus::diagnosis {
+
+// One stretch. Rows are sample by sample, output by output, from sample `first` on. Where the stimulus repeats, the
+// rows are means over its repeats, and what each repeat deviates from them tells the noise.
+struct Segment {
+  int experiment = 0;
+  std::vector<double> t;  // (n) [s]
+  std::vector<double> u;  // (n x inputs) held from its sample to the next
+  std::size_t first = 0;
+  std::vector<int> lines;                  // the input has power on: q / P cycles per cycle, P cycles the period
+  Eigen::VectorXd y;                       // (rows) 0 where nothing was measured
+  Eigen::VectorXd count;                   // (rows) measurements that went into it, 0: none
+  std::vector<Eigen::VectorXd> deviation;  // (repeats)(rows) of each repeat from the mean; 0 where missing
+  Eigen::VectorXd within;                  // (outputs) sum of squares of all deviations
+  Start guess;
+  std::vector<double> spread;  // (free coordinates of the start) how far off the guess may be
+
+  Course course(double h_max) const { return {t, u, first, h_max}; }
+};
+
+struct Quality {
+  std::size_t rows = 0;
+  std::size_t missing = 0;         // values that were not measured
+  std::size_t outliers = 0;        // values left out because no noise makes them
+  std::size_t filled_inputs = 0;   // inputs taken from another repeat
+  std::vector<double> resolution;  // (outputs) [unit] smallest step between values, 0 where there is none to speak of
+};
+
+struct Data {
+  std::vector<Segment> segments;
+  int repeats = 1;
+  int sections = 0;        // [-] a cycle; 0 where the record is not paced by a clock
+  int period_cycles = 0;   // [cycle] of a segment where the stimulus repeats
+  Eigen::VectorXd noise;   // (outputs) [unit] standard deviation of one measurement
+  bool noise_measured = false;  // from repeats
+  double colour = 1.0;     // [-] by how much correlated noise widens the scatter of a sum of squares
+  bool coloured = false;
+  Quality quality;
+  std::vector<std::string> notes;
+
+  std::size_t outputs() const { return static_cast<std::size_t>(noise.size()); }
+};
+
+// Lays out a record for a machine, or throws RecordError saying what to mend.
+Data prepare(const Record& record, const Machine& machine);
+
+// Noise from second differences of residuals, for records without repeats.
+void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residual);
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,136 @@
+// Closing the loop: what does the model lack? Given a record and a declared machine, finds the residual, traces it to an
+// effect, adds it, and reports the error before and after. Inventing a cause is worse than finding none.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evidence.hpp"
+#include "fit.hpp"
+
+namespace saltus::diagnosis {
+
+enum class Verdict { effect_found, no_discrepancy, parameters_only, ambiguous, unexplained };
+std::string name(Verdict v);
+
+struct Options {
+  std::vector<std::pair<std::string, double>> tolerance;  // absolute, by parameter; 2 % of the value where not named
+  std::vector<std::pair<std::string, double>> set;        // declared values
+  std::vector<std::string> candidates;                    // empty: all; an entry ending in * is a beginning
+  int holdout = -1;                                       // experiments held out; -1: a third of them
+  std::uint64_t seed = 1;
+  double false_alarm = 0.01;  // [-] probability of any candidate passing when there is nothing
+  std::function<void(double, const char*)> progress;
+};
+
+struct Finding {
+  std::string name, unit;
+  double value = 0.0, low = 0.0, high = 0.0;  // estimate and 95 % interval
+  double z = 0.0;                             // in its standard errors
+  std::vector<std::string> ties;
+};
+
+struct ParameterRow {
+  std::string name, unit;
+  double declared = 0.0, tolerance = 0.0, refitted = 0.0, refitted_error = 0.0, with_effect = 0.0, with_effect_error = 0.0;
+};
+
+// Normalised errors E = sqrt(chi^2 / n) over single measurements: 1 is the noise.
+struct Errors {
+  double before = 0.0, refit = 0.0, after = 0.0, floor = 0.0;
+};
+struct OutputError {
+  std::string name, unit;
+  double before = 0.0, refit = 0.0, after = 0.0, noise = 0.0;  // [unit] root mean square
+};
+
+struct CandidateRow {
+  std::string name, unit;
+  double z = 0.0;           // score at the refitted baseline
+  double value = 0.0;       // estimate: of the nonlinear fit where there was one, else first order
+  double bic = 0.0;         // relative to the baseline, negative is better; NaN where not fitted
+  double heldout = 0.0;     // normalised error on held-out data; NaN where not fitted
+  double kept = 0.0;        // share of the signature the nuisance does not imitate
+  double limit = 0.0;       // detection limit, 95 % power
+  std::string remark;
+};
+
+struct Rival {
+  std::vector<std::string> names;
+  double bic = 0.0;  // above the best
+};
+
+struct Twin {
+  std::string first, second;
+  double cosine = 0.0;
+};
+
+// A force over the turn of the clock at one port, from the refitted baseline's residual.
+struct Profile {
+  std::string port, unit;
+  std::vector<double> phase, force, error;  // [turn], [unit]
+  double explained = 0.0;                   // fall of chi^2
+};
+
+struct Where {
+  std::string chart, port;
+  double from = 0.0, to = 0.0;  // [turn]
+  bool known = false;
+};
+
+// One line of the frequency response: measured, and of the model by the same arithmetic.
+struct Response1 {
+  int m = 0;            // harmonic
+  double f = 0.0;       // [cycle per cycle] of the input
+  std::size_t output = 0;
+  double measured[2]{}, refit[2]{}, after[2]{};  // real, imaginary
+  double sigma = 0.0;
+};
+
+struct MeanCycle {                                     // (sections), of one output, in noise units of the mean
+  std::vector<double> before, refit, after;
+};
+
+struct Diagnosis {
+  Verdict verdict = Verdict::unexplained;
+  std::string record, model;
+  std::vector<Finding> effects;
+  std::vector<ParameterRow> parameters;
+  Errors all, heldout;
+  double excess_explained = 0.0;           // of the held-out excess over the noise, from refit to after
+  double excess_explained_declared = 0.0;  // the same from the declared model
+  double chi2_refit = 0.0, chi2_after = 0.0, expected = 0.0;  // of the means over repeats
+  std::vector<OutputError> outputs;
+  std::vector<CandidateRow> candidates;
+  std::vector<Rival> rivals;
+  std::vector<Twin> twins;
+  std::vector<View> views_declared, views_refit, views_after;
+  Where where;
+  std::vector<Profile> profiles;
+  std::vector<std::pair<std::string, double>> descriptive;  // law, coefficient
+  std::vector<MeanCycle> mean_cycle;       // (outputs)
+  std::vector<Response1> responses;
+  std::vector<std::string> charts;         // of the orbit, section by section
+  std::vector<std::string> notes, story;
+  std::string separate;                    // the experiment that would tell the ties apart
+  double threshold = 0.0;                  // of |z|
+  int tried = 0;                           // candidates
+  int repeats = 1, experiments = 0, sections = 0;
+  bool noise_measured = false;
+  std::vector<int> held_out;               // experiments
+  Quality quality;
+  std::vector<double> noise;
+  std::vector<std::string> output_names, output_units;
+  std::vector<std::pair<std::string, double>> seconds;  // where the time went
+};
+
+// Throws RecordError for a record that cannot be compared with the machine.
+Diagnosis diagnose(const Record& record, Machine& machine, const Options& options);
+
+// Refuses what is plainly not a record of this machine: units off by powers of ten, swapped columns, a shifted clock.
+void refuse_nonsense(const Problem& p, const Data& data, const std::string& record);
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,241 @@
+#include "evidence.hpp"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/spectrum/twiddles.hpp"
+#include "core/trace/statistics.hpp"
+
+namespace saltus::diagnosis {
+namespace {
+
+struct Power {
+  double residual = 0.0;  // sum of squares, in units of its noise
+  double freedom = 0.0;
+  double noise = 0.0;          // the same of the repeats' deviations from their mean
+  double noise_freedom = 0.0;
+};
+
+View compare(std::string name, const Power& q, const Data& data) {
+  View v{std::move(name), 1.0, q.freedom, 1.0};
+  if (!(q.freedom > 0.0)) return v;
+  const double floor = q.noise_freedom > 0.0 ? q.noise / q.noise_freedom : 1.0;
+  v.ratio = q.residual / q.freedom / floor;
+  const double d2 = q.noise_freedom > 0.0 ? q.noise_freedom : 1e6;
+  v.p = fisher_tail(v.ratio, q.freedom / data.colour, d2 / data.colour);
+  return v;
+}
+
+// Mean over the cycles of a segment, section by section and output by output.
+Eigen::VectorXd mean_cycle(const Data& data, const Eigen::VectorXd& x) {
+  const Eigen::Index width = data.sections * static_cast<Eigen::Index>(data.outputs());
+  Eigen::VectorXd m = Eigen::VectorXd::Zero(width);
+  const Eigen::Index cycles = x.size() / width;
+  for (Eigen::Index c = 0; c < cycles; ++c) m += x.segment(c * width, width);
+  return m / static_cast<double>(std::max<Eigen::Index>(1, cycles));
+}
+
+// Sum of squared moduli over the lines q + l P, l = -3 ... 3, of the outputs in units of `noise`.
+double line_power(const Data& data, const Eigen::VectorXd& x, const std::vector<int>& lines, double* freedom) {
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  const int L = static_cast<int>(x.size() / ny);
+  const int P = data.period_cycles;
+  std::vector<int> wanted;
+  for (const int q : lines) {
+    for (int l = -3; l <= 3; ++l) {
+      int k = ((q + l * P) % L + L) % L;
+      k = std::min(k, L - k);
+      if (k != 0 && 2 * k != L && std::find(wanted.begin(), wanted.end(), k) == wanted.end()) wanted.push_back(k);
+    }
+  }
+  std::vector<double> cosine(static_cast<std::size_t>(L)), sine(static_cast<std::size_t>(L));
+  for (int n = 0; n < L; ++n) {
+    const Complex w = root_of_unity(n, L);
+    cosine[static_cast<std::size_t>(n)] = w.real();
+    sine[static_cast<std::size_t>(n)] = w.imag();
+  }
+  double power = 0.0;
+  for (const int k : wanted) {
+    for (Eigen::Index j = 0; j < ny; ++j) {
+      double re = 0.0, im = 0.0;
+      int at = 0;
+      for (int n = 0; n < L; ++n) {
+        const double v = x[n * ny + j];
+        re += v * cosine[static_cast<std::size_t>(at)];
+        im -= v * sine[static_cast<std::size_t>(at)];
+        at += k;
+        if (at >= L) at -= L;
+      }
+      power += (re * re + im * im) * 2.0 / L;
+      if (freedom != nullptr) *freedom += 2.0;
+    }
+  }
+  return power;
+}
+
+}  // namespace
+
+std::vector<View> views(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+  const Data& data = *p.data;
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  const auto residual = residuals(p, segments, f);
+  Power all, mean, lines;
+  Eigen::VectorXd mean_sum;
+  double mean_noise = 0.0, mean_noise_freedom = 0.0;
+  for (const int index : segments) {
+    const Segment& s = data.segments[static_cast<std::size_t>(index)];
+    Eigen::VectorXd r = residual[static_cast<std::size_t>(index)];
+    const std::size_t repeats = s.deviation.size();
+    for (Eigen::Index i = 0; i < r.size(); ++i) r[i] *= std::sqrt(s.count[i]) / data.noise[i % ny];
+    all.residual += r.squaredNorm();
+    for (Eigen::Index i = 0; i < r.size(); ++i) {
+      all.freedom += s.count[i] > 0.0;
+      all.noise_freedom += std::max(0.0, s.count[i] - 1.0);
+    }
+    all.freedom -= static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
+    for (Eigen::Index j = 0; j < ny; ++j) all.noise += s.within[j] / (data.noise[j] * data.noise[j]);
+    if (data.sections == 0) continue;
+
+    // Deviations of the repeats in the same units: sqrt(n / (n - 1)) d_r sqrt(n) / noise sums to n - 1 of them.
+    const double n = static_cast<double>(repeats);
+    std::vector<Eigen::VectorXd> d;
+    if (repeats > 1) {
+      for (const auto& x : s.deviation) {
+        Eigen::VectorXd scaled = x;
+        for (Eigen::Index i = 0; i < x.size(); ++i) scaled[i] /= data.noise[i % ny];
+        d.push_back(std::move(scaled));
+      }
+    }
+    const double cycles = static_cast<double>(r.size()) / static_cast<double>(data.sections * ny);
+    if (mean_sum.size() == 0) mean_sum = Eigen::VectorXd::Zero(data.sections * ny);
+    mean_sum += mean_cycle(data, r) * std::sqrt(cycles);
+    for (const auto& x : d) {
+      mean_noise += (mean_cycle(data, x) * std::sqrt(cycles)).squaredNorm();
+    }
+    if (repeats > 1) mean_noise_freedom += (n - 1.0) * static_cast<double>(data.sections * ny);
+
+    const auto& excited = s.lines;
+    if (!excited.empty() && data.period_cycles > 0 && data.repeats > 1) {
+      double freedom = 0.0;
+      lines.residual += line_power(data, r, excited, &freedom);
+      lines.freedom += freedom;
+      for (const auto& x : d) lines.noise += line_power(data, x, excited, nullptr);
+      if (repeats > 1) lines.noise_freedom += (n - 1.0) * freedom;
+    }
+  }
+  all.freedom -= static_cast<double>(f.free.size());
+  if (mean_sum.size() > 0) {
+    mean.residual = mean_sum.squaredNorm() / static_cast<double>(segments.size());
+    mean.freedom = static_cast<double>(mean_sum.size());
+    mean.noise = mean_noise;
+    mean.noise_freedom = mean_noise_freedom;
+  }
+  std::vector<View> r{compare("all samples", all, data)};
+  if (mean.freedom > 0.0) r.push_back(compare("mean cycle", mean, data));
+  if (lines.freedom > 0.0) r.push_back(compare("stimulus lines", lines, data));
+  return r;
+}
+
+Eigen::Index Evidence::find(int coefficient) const {
+  const auto it = std::find(candidate.begin(), candidate.end(), coefficient);
+  return it == candidate.end() ? -1 : static_cast<Eigen::Index>(it - candidate.begin());
+}
+
+double Evidence::cosine(Eigen::Index i, Eigen::Index j) const {
+  const double n = std::sqrt(information(i, i) * information(j, j));
+  return n > 0.0 ? information(i, j) / n : 0.0;
+}
+
+Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates) {
+  const Data& data = *p.data;
+  const Signatures s = signatures(p, segments, f, candidates);
+  const auto n = static_cast<Eigen::Index>(s.candidates.size());
+  const auto m = static_cast<Eigen::Index>(s.nuisance.size());
+  Evidence e;
+  e.candidate = s.candidates;
+  e.z = e.value = e.error = e.kept = e.identified = Eigen::VectorXd::Zero(n);
+  e.imitated_by.assign(static_cast<std::size_t>(n), {});
+
+  const Eigen::MatrixXd NN = s.N.transpose() * s.N, NC = s.N.transpose() * s.C, CC = s.C.transpose() * s.C;
+  const Eigen::VectorXd Nr = s.N.transpose() * s.r, Cr = s.C.transpose() * s.r;
+  Eigen::VectorXd prior = Eigen::VectorXd::Zero(m), off = Eigen::VectorXd::Zero(m);
+  for (Eigen::Index i = 0; i < m; ++i) {
+    const auto k = static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(i)]);
+    if (k >= p.tolerance.size() || !(p.tolerance[k] > 0.0)) continue;
+    prior[i] = 1.0 / (p.tolerance[k] * p.tolerance[k]);
+    off[i] = prior[i] * (f.values[k] - p.machine->coefficients[k].nominal);
+  }
+  // Scaled so that coefficients of any unit invert alike.
+  const auto solve = [&](double looser, const Eigen::MatrixXd& right) -> Eigen::MatrixXd {
+    Eigen::MatrixXd a = NN;
+    a.diagonal() += prior / (looser * looser);
+    const Eigen::VectorXd d = a.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+    const Eigen::MatrixXd scaled = d.asDiagonal() * a * d.asDiagonal();
+    return d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(d.asDiagonal() * right);
+  };
+  Eigen::MatrixXd X = Eigen::MatrixXd::Zero(m, n);
+  Eigen::VectorXd loose = CC.diagonal();
+  e.information = CC;
+  e.score = Cr;
+  constexpr double looser = 30.0;
+  if (m > 0) {
+    X = solve(1.0, NC);
+    e.information -= NC.transpose() * X;
+    e.score -= X.transpose() * (Nr - off);
+    const Eigen::MatrixXd Y = solve(looser, NC);
+    loose -= (NC.transpose() * Y).diagonal();
+  }
+
+  // How much more than white noise the repeats scatter along each signature.
+  Eigen::VectorXd inflation = Eigen::VectorXd::Ones(n);
+  if (data.coloured) {
+    const Eigen::MatrixXd P = s.C - s.N * X;
+    Eigen::VectorXd scatter = Eigen::VectorXd::Zero(n);
+    double freedom = 0.0;
+    const auto ny = static_cast<Eigen::Index>(data.outputs());
+    for (std::size_t j = 0; j < segments.size(); ++j) {
+      const Segment& seg = data.segments[static_cast<std::size_t>(segments[j])];
+      const auto repeats = static_cast<double>(seg.deviation.size());
+      if (repeats < 2.0) continue;
+      for (const auto& d : seg.deviation) {
+        Eigen::VectorXd w = d;
+        for (Eigen::Index i = 0; i < w.size(); ++i) w[i] *= std::sqrt(seg.count[i]) / data.noise[i % ny];
+        scatter += (P.middleRows(s.offset[j], w.size()).transpose() * w).cwiseAbs2() / (repeats * (repeats - 1.0));
+      }
+      freedom += repeats - 1.0;
+    }
+    const double own = std::max(1.0, freedom), pooled_weight = 40.0;
+    double pooled = 0.0, used = 0.0;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (!(e.information(i, i) > 1e-9 * CC(i, i))) continue;
+      pooled += scatter[i] / e.information(i, i);
+      used += 1.0;
+    }
+    pooled = used > 0.0 ? std::max(1.0, pooled / used) : 1.0;
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (!(e.information(i, i) > 1e-9 * CC(i, i))) continue;
+      inflation[i] = std::max(1.0, (own * scatter[i] / e.information(i, i) + pooled_weight * pooled) / (own + pooled_weight));
+    }
+  }
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double info = e.information(i, i);
+    if (!(info > 1e-12 * CC(i, i)) || !(CC(i, i) > 1e-6 * 1e-6)) continue;
+    e.value[i] = e.score[i] / info;
+    e.error[i] = std::sqrt(inflation[i] / info);
+    e.z[i] = e.value[i] / e.error[i];
+    e.kept[i] = std::sqrt(info / CC(i, i));
+    e.identified[i] = std::max(0.0, loose[i]) / info;
+    if (e.identified[i] > 0.1 || m == 0) continue;
+    // Which declared parameter moves most, in its tolerance, to imitate it?
+    Eigen::Index most = 0;
+    (X.col(i).cwiseProduct(prior.cwiseSqrt())).cwiseAbs().maxCoeff(&most);
+    e.imitated_by[static_cast<std::size_t>(i)] =
+        p.machine->coefficients[static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(most)])].name;
+  }
+  return e;
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,36 @@
+// What a fitted model leaves unexplained: against the noise of the repeats, and along every candidate's signature.
+#pragma once
+
+#include "fit.hpp"
+
+namespace saltus::diagnosis {
+
+// A residual looked at in one way, as Fisher's ratio of its power to that of the noise seen the same way.
+struct View {
+  std::string name;      // "all samples", "mean cycle", "stimulus lines"
+  double ratio = 1.0;    // [-] 1 on average when only noise is left
+  double freedom = 0.0;  // [-] degrees of freedom
+  double p = 1.0;        // [-] of a ratio this large or larger by chance
+};
+
+std::vector<View> views(const Problem& p, const std::vector<int>& segments, const Fit& f);
+
+// The score of every candidate at a fit, what else could be refitted being refitted.
+struct Evidence {
+  std::vector<int> candidate;     // coefficients
+  Eigen::VectorXd z;              // [-] standard normal where the candidate is not there
+  Eigen::VectorXd value;          // first estimate of the coefficient
+  Eigen::VectorXd error;          // its standard deviation
+  Eigen::VectorXd kept;           // [-] share of its signature that the nuisance does not imitate
+  Eigen::VectorXd identified;     // [-] share of its information that is not from the declared tolerances
+  Eigen::MatrixXd information;    // (candidates x candidates)
+  Eigen::VectorXd score;          // information * value for one candidate alone
+  std::vector<std::string> imitated_by;  // the nuisance that imitates it, where it is hardly identified
+
+  Eigen::Index find(int coefficient) const;
+  double cosine(Eigen::Index i, Eigen::Index j) const;
+  bool usable(Eigen::Index i) const { return identified[i] > 0.1 && error[i] > 0.0; }
+};
+Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates);
+
+}  // namespace saltus::diagnosis

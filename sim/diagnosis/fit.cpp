@@ -1,0 +1,403 @@
+#include "fit.hpp"
+
+#include <Eigen/Cholesky>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace saltus::diagnosis {
+namespace {
+
+using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+// Square root of the weight of each row: sqrt(measurements) / noise.
+Eigen::VectorXd weights(const Data& data, const Segment& s) {
+  Eigen::VectorXd w(s.count.size());
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  for (Eigen::Index i = 0; i < w.size(); ++i) w[i] = std::sqrt(s.count[i]) / data.noise[i % ny];
+  return w;
+}
+
+Response respond(const Problem& p, const Segment& s, std::span<const double> values, const Start& start,
+                 std::span<const int> wanted) {
+  ++p.runs;
+  return p.machine->run(values, s.course(p.h_max), start, wanted, true);
+}
+Response respond(const Problem& p, const Segment& s, std::span<const double> values, const Start& start) {
+  ++p.runs;
+  return p.machine->values_only(values, s.course(p.h_max), start);
+}
+
+struct Arrow {                // normal equations of one segment, its start apart
+  Eigen::MatrixXd ss, sg;     // (starts x starts), (starts x free)
+  Eigen::VectorXd s;          // (starts)
+};
+
+struct Normal {
+  std::vector<Arrow> arrows;
+  Eigen::MatrixXd gg;
+  Eigen::VectorXd g;
+  double chi2 = 0.0, start_penalty = 0.0;
+  bool ok = true;
+  Status status = Status::ok;
+};
+
+
+struct Cost {
+  double chi2 = 0.0, start_penalty = 0.0;
+  bool ok = true;
+  Status status = Status::ok;
+};
+
+double start_penalty(const Problem& p, const Segment& s, const Start& start) {
+  double sum = 0.0;
+  const auto coordinates = p.machine->free_coordinates(start.chart);
+  for (std::size_t k = 0; k < coordinates.size() && s.guess.chart == start.chart; ++k) {
+    const auto c = static_cast<std::size_t>(coordinates[k]);
+    const double off = (start.x[c] - s.guess.x[c]) / (k < s.spread.size() ? s.spread[k] : 1.0);
+    sum += off * off;
+  }
+  return sum;
+}
+
+Cost cost_of(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+  Cost c;
+  for (const int index : segments) {
+    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
+    const Start& start = f.start[static_cast<std::size_t>(index)];
+    const Response y = respond(p, s, f.values, start);
+    c.status = worse(c.status, y.status);
+    if (!usable(y.status)) {
+      c.ok = false;
+      return c;
+    }
+    c.chi2 += weights(*p.data, s).cwiseProduct(s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size())).squaredNorm();
+    c.start_penalty += start_penalty(p, s, start);
+  }
+  c.ok = std::isfinite(c.chi2);
+  return c;
+}
+
+Normal normal_equations(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+  const Data& data = *p.data;
+  const auto n_free = static_cast<Eigen::Index>(f.free.size());
+  const Eigen::Index n_start = p.machine->starts();
+  Normal n;
+  n.gg = Eigen::MatrixXd::Zero(n_free, n_free);
+  n.g = Eigen::VectorXd::Zero(n_free);
+  const int at_once = p.machine->directions();
+  for (const int index : segments) {
+    const Segment& s = data.segments[static_cast<std::size_t>(index)];
+    const Start& start = f.start[static_cast<std::size_t>(index)];
+    const Eigen::VectorXd w = weights(data, s);
+    const auto rows = s.y.size();
+    Eigen::MatrixXd J(rows, n_start + n_free);
+    Eigen::VectorXd r;
+    for (Eigen::Index from = 0; from == 0 || from < n_free; from += at_once) {
+      const Eigen::Index count = std::min<Eigen::Index>(at_once, n_free - from);
+      const std::span<const int> wanted(f.free.data() + from, static_cast<std::size_t>(count));
+      const Response y = respond(p, s, f.values, start, wanted);
+      n.status = worse(n.status, y.status);
+      if (!usable(y.status)) {
+        n.ok = false;
+        return n;
+      }
+      const Eigen::Map<const RowMajor> all(y.gradient.data(), rows, p.machine->width());
+      if (from == 0) {
+        J.leftCols(n_start) = w.asDiagonal() * all.leftCols(n_start);
+        r = w.cwiseProduct(s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), rows));
+      }
+      J.middleCols(n_start + from, count) = w.asDiagonal() * all.middleCols(n_start, count);
+    }
+    if (!r.allFinite() || !J.allFinite()) {
+      n.ok = false;
+      return n;
+    }
+    n.chi2 += r.squaredNorm();
+    Eigen::MatrixXd full = Eigen::MatrixXd::Zero(n_start + n_free, n_start + n_free);
+    full.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+    full.triangularView<Eigen::StrictlyUpper>() = full.transpose();
+    const Eigen::VectorXd g = J.transpose() * r;
+    Arrow a{full.topLeftCorner(n_start, n_start), full.topRightCorner(n_start, n_free), g.head(n_start)};
+    const auto coordinates = p.machine->free_coordinates(start.chart);
+    for (Eigen::Index i = 0; i < n_start; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      if (k >= coordinates.size()) {
+        a.ss(i, i) = 1.0;  // a direction this chart does not have
+        continue;
+      }
+      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      const auto c = static_cast<std::size_t>(coordinates[k]);
+      const double off = s.guess.chart == start.chart ? start.x[c] - s.guess.x[c] : 0.0;
+      a.ss(i, i) += 1.0 / (spread * spread);
+      a.s[i] -= off / (spread * spread);
+    }
+    n.start_penalty += start_penalty(p, s, start);
+    n.gg += full.bottomRightCorner(n_free, n_free);
+    n.g += g.tail(n_free);
+    n.arrows.push_back(std::move(a));
+  }
+  return n;
+}
+
+double prior_of(const Problem& p, int coefficient) {
+  const auto k = static_cast<std::size_t>(coefficient);
+  return k < p.tolerance.size() && p.tolerance[k] > 0.0 ? 1.0 / (p.tolerance[k] * p.tolerance[k]) : 0.0;
+}
+
+double penalty_of(const Problem& p, const std::vector<double>& values) {
+  double sum = 0.0;
+  for (std::size_t k = 0; k < p.tolerance.size(); ++k) {
+    const double off = values[k] - p.machine->coefficients[k].nominal;
+    sum += off * off * prior_of(p, static_cast<int>(k));
+  }
+  return sum;
+}
+
+double lower_bound(const Coefficient& c) {
+  if (c.probe > 0.0) return 0.0;
+  if (c.shifts_time) return 0.0;
+  return c.candidate && c.physical > 0 ? 0.0 : -std::numeric_limits<double>::infinity();
+}
+
+// Starts eliminated: the information on the free coefficients and their gradient.
+void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd& g,
+            std::vector<Eigen::MatrixXd>& back, std::vector<Eigen::VectorXd>& back_r) {
+  h = n.gg;
+  g = n.g;
+  back.clear();
+  back_r.clear();
+  for (const Arrow& a : n.arrows) {
+    Eigen::MatrixXd ss = a.ss;
+    ss.diagonal() *= 1.0 + damping;
+    const Eigen::LDLT<Eigen::MatrixXd> solver(ss);
+    back.push_back(solver.solve(a.sg));
+    back_r.push_back(solver.solve(a.s));
+    h -= a.sg.transpose() * back.back();
+    g -= a.sg.transpose() * back_r.back();
+  }
+}
+
+}  // namespace
+
+Fit declared_fit(const Problem& p) {
+  Fit f;
+  for (const Coefficient& c : p.machine->coefficients) f.values.push_back(c.nominal);
+  for (const Segment& s : p.data->segments) f.start.push_back(s.guess);
+  return f;
+}
+
+Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
+        const FitOptions& options) {
+  Fit f = from;
+  f.free.clear();
+  if (options.refit_parameters) {
+    for (std::size_t k = 0; k < p.tolerance.size(); ++k) {
+      if (p.tolerance[k] > 0.0) f.free.push_back(static_cast<int>(k));
+    }
+  }
+  for (const int e : effects) {
+    if (std::find(f.free.begin(), f.free.end(), e) == f.free.end()) f.free.push_back(e);
+  }
+  const auto n_free = static_cast<Eigen::Index>(f.free.size());
+  Normal n = normal_equations(p, segments, f);
+  f.status = n.status;
+  f.converged = false;
+  f.iterations = 0;
+  f.chi2 = n.chi2;
+  f.penalty = penalty_of(p, f.values);
+  if (!n.ok) {
+    f.chi2 = std::numeric_limits<double>::infinity();
+    return f;
+  }
+  double cost = n.chi2 + n.start_penalty + f.penalty;
+  double damping = 0.0;
+  Eigen::MatrixXd h;
+  Eigen::VectorXd g;
+  std::vector<Eigen::MatrixXd> back;
+  std::vector<Eigen::VectorXd> back_r;
+  const auto add_priors = [&](Eigen::MatrixXd& info, Eigen::VectorXd* gradient) {
+    for (Eigen::Index i = 0; i < n_free; ++i) {
+      const int k = f.free[static_cast<std::size_t>(i)];
+      const double prior = prior_of(p, k);
+      info(i, i) += prior;
+      if (gradient != nullptr) {
+        const auto c = static_cast<std::size_t>(k);
+        (*gradient)[i] -= prior * (f.values[c] - p.machine->coefficients[c].nominal);
+      }
+    }
+  };
+  int fails = 0;
+  while (f.iterations < options.iterations) {
+    ++f.iterations;
+    reduce(n, damping, h, g, back, back_r);
+    add_priors(h, &g);
+    // Coefficients that sit on their bound and would leave it do not move.
+    std::vector<bool> held(f.free.size(), false);
+    Eigen::VectorXd step = Eigen::VectorXd::Zero(n_free);
+    for (int round = 0; round < 3; ++round) {
+      Eigen::MatrixXd a = h;
+      Eigen::VectorXd b = g;
+      for (Eigen::Index i = 0; i < n_free; ++i) {
+        a(i, i) *= 1.0 + damping;
+        if (held[static_cast<std::size_t>(i)] || !(a(i, i) > 0.0)) {
+          a.row(i).setZero();
+          a.col(i).setZero();
+          a(i, i) = 1.0;
+          b[i] = 0.0;
+        }
+      }
+      // Scaled to a unit diagonal, for coefficients of any unit.
+      const Eigen::VectorXd d = a.diagonal().cwiseSqrt().cwiseInverse();
+      Eigen::MatrixXd scaled = d.asDiagonal() * a * d.asDiagonal();
+      scaled.diagonal().array() += 1e-12;
+      step = d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(d.asDiagonal() * b);
+      bool again = false;
+      for (Eigen::Index i = 0; i < n_free; ++i) {
+        const auto c = static_cast<std::size_t>(f.free[static_cast<std::size_t>(i)]);
+        const double low = lower_bound(p.machine->coefficients[c]);
+        if (!held[static_cast<std::size_t>(i)] && f.values[c] <= low && step[i] < 0.0) {
+          held[static_cast<std::size_t>(i)] = again = true;
+        }
+      }
+      if (!again) break;
+    }
+    Fit next = f;
+    for (Eigen::Index i = 0; i < n_free; ++i) {
+      const auto c = static_cast<std::size_t>(f.free[static_cast<std::size_t>(i)]);
+      const Coefficient& k = p.machine->coefficients[c];
+      const double low = lower_bound(k);
+      double v = f.values[c] + step[i];
+      if (k.probe > 0.0 && f.values[c] > 0.0) v = std::max(0.01 * k.probe, std::clamp(v, f.values[c] / 4.0, f.values[c] * 4.0));
+      if (v < low) v = f.values[c] > low ? std::max(low, k.shifts_time ? low : 0.1 * f.values[c]) : low;
+      if (k.shifts_time && p.data->sections > 0) v = std::min(v, 0.25 * p.machine->cycle_period);
+      step[i] = v - f.values[c];
+      next.values[c] = v;
+    }
+    for (std::size_t j = 0; j < segments.size(); ++j) {
+      Start& start = next.start[static_cast<std::size_t>(segments[j])];
+      const Eigen::VectorXd move = back_r[j] - back[j] * step;
+      const auto coordinates = p.machine->free_coordinates(start.chart);
+      for (std::size_t i = 0; i < coordinates.size(); ++i) {
+        start.x[static_cast<std::size_t>(coordinates[i])] += move[static_cast<Eigen::Index>(i)];
+      }
+    }
+    const Cost trial = cost_of(p, segments, next);
+    next.penalty = penalty_of(p, next.values);
+    const double next_cost = trial.ok ? trial.chi2 + trial.start_penalty + next.penalty
+                                      : std::numeric_limits<double>::infinity();
+    if (next_cost < cost) {
+      const double fell = cost - next_cost;
+      f = std::move(next);
+      f.chi2 = trial.chi2;
+      f.status = trial.status;
+      cost = next_cost;
+      damping = damping < 1e-3 ? 0.0 : damping / 8.0;
+      fails = 0;
+      if (fell < options.enough) {
+        f.converged = true;
+        break;
+      }
+      n = normal_equations(p, segments, f);
+      if (!n.ok) break;
+    } else {
+      if (next_cost - cost < options.enough || ++fails > 6) {
+        f.converged = next_cost - cost < options.enough;
+        break;
+      }
+      damping = std::max(1e-3, damping * 10.0);
+    }
+  }
+  reduce(n, 0.0, h, g, back, back_r);
+  add_priors(h, nullptr);
+  const Eigen::VectorXd d = h.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Eigen::MatrixXd scaled = d.asDiagonal() * h * d.asDiagonal();
+  scaled.diagonal().array() += 1e-13;
+  f.covariance = d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(Eigen::MatrixXd(d.asDiagonal()));
+  return f;
+}
+
+std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+  std::vector<Eigen::VectorXd> r(p.data->segments.size());
+  for (const int index : segments) {
+    const auto k = static_cast<std::size_t>(index);
+    const Segment& s = p.data->segments[k];
+    const Response y = respond(p, s, f.values, f.start[k]);
+    r[k] = s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size());
+    for (Eigen::Index i = 0; i < r[k].size(); ++i) {
+      if (!(s.count[i] > 0.0)) r[k][i] = 0.0;
+    }
+  }
+  return r;
+}
+
+Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates) {
+  const Data& data = *p.data;
+  Signatures out;
+  out.nuisance = f.free;
+  for (const int c : candidates) {
+    if (std::find(f.free.begin(), f.free.end(), c) == f.free.end()) out.candidates.push_back(c);
+  }
+  std::vector<int> all = out.nuisance, secants;
+  for (const int c : out.candidates) {
+    if (p.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0 && f.values[static_cast<std::size_t>(c)] == 0.0) {
+      secants.push_back(c);
+    }
+    all.push_back(c);
+  }
+  Eigen::Index rows = 0;
+  for (const int index : segments) {
+    out.offset.push_back(rows);
+    rows += data.segments[static_cast<std::size_t>(index)].y.size();
+  }
+  const auto n_nuisance = static_cast<Eigen::Index>(out.nuisance.size());
+  Eigen::MatrixXd G(rows, static_cast<Eigen::Index>(all.size()));
+  out.r.resize(rows);
+  const Eigen::Index n_start = p.machine->starts();
+  const auto at_once = static_cast<std::size_t>(p.machine->directions());
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    const Segment& s = data.segments[static_cast<std::size_t>(segments[j])];
+    const Start& start = f.start[static_cast<std::size_t>(segments[j])];
+    const Eigen::VectorXd w = weights(data, s);
+    const Eigen::Index n = s.y.size(), top = out.offset[j];
+    Eigen::MatrixXd S;
+    Eigen::VectorXd y0;
+    for (std::size_t from = 0; from < std::max<std::size_t>(1, all.size()); from += at_once) {
+      const std::size_t count = std::min(at_once, all.size() - from);
+      const Response y = respond(p, s, f.values, start, {all.data() + from, count});
+      const Eigen::Map<const RowMajor> gradient(y.gradient.data(), n, p.machine->width());
+      if (from == 0) {
+        S = w.asDiagonal() * gradient.leftCols(n_start);
+        y0 = Eigen::Map<const Eigen::VectorXd>(y.y.data(), n);
+        out.r.segment(top, n) = w.cwiseProduct(s.y - y0);
+      }
+      G.block(top, static_cast<Eigen::Index>(from), n, static_cast<Eigen::Index>(count)) =
+          w.asDiagonal() * gradient.middleCols(n_start, static_cast<Eigen::Index>(count));
+    }
+    for (const int c : secants) {
+      std::vector<double> values = f.values;
+      const double probe = p.machine->coefficients[static_cast<std::size_t>(c)].probe;
+      values[static_cast<std::size_t>(c)] = probe;
+      const Response y = respond(p, s, values, start);
+      const auto column = std::find(all.begin(), all.end(), c) - all.begin();
+      G.block(top, column, n, 1) = w.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(y.y.data(), n) - y0) / probe;
+    }
+    // Starts out: S (S'S + prior)^-1 S'.
+    Eigen::MatrixXd ss = S.transpose() * S;
+    for (Eigen::Index i = 0; i < n_start; ++i) {
+      const auto k = static_cast<std::size_t>(i);
+      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      ss(i, i) += 1.0 / (spread * spread);
+    }
+    const Eigen::LDLT<Eigen::MatrixXd> solver(ss);
+    const Eigen::MatrixXd part = G.middleRows(top, n);
+    G.middleRows(top, n) -= S * solver.solve(S.transpose() * part);
+    out.r.segment(top, n) -= S * solver.solve(S.transpose() * out.r.segment(top, n));
+  }
+  out.N = G.leftCols(n_nuisance);
+  out.C = G.rightCols(static_cast<Eigen::Index>(out.candidates.size()));
+  return out;
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,63 @@
+// Fits a machine to segments: declared parameters within their tolerances, chosen effects, and every segment's start.
+// Levenberg-Marquardt on exact sensitivities; the starts are eliminated segment by segment (Schur complement).
+#pragma once
+
+#include <Eigen/Core>
+
+#include <string>
+#include <vector>
+
+#include "data.hpp"
+#include "machine.hpp"
+
+namespace saltus::diagnosis {
+
+struct Problem {
+  const Machine* machine = nullptr;
+  const Data* data = nullptr;
+  std::vector<double> tolerance;  // (declared) standard deviation of each; 0 = exact
+  double h_max = 0.0;             // [s]
+  mutable long runs = 0;          // of a segment, for the account of time
+};
+
+struct Fit {
+  bool converged = false;
+  std::vector<int> free;       // coefficients that were fitted: declared ones, then effects
+  std::vector<double> values;  // of every coefficient
+  std::vector<Start> start;    // of every segment of the problem; fitted for those in use
+  double chi2 = 0.0;           // of the data, means weighted by how many measurements went in
+  double penalty = 0.0;        // of the declared parameters: squared deviations over tolerances
+  Eigen::MatrixXd covariance;  // (free x free), starts eliminated
+  int iterations = 0;
+  Status status = Status::ok;
+
+  double cost() const { return chi2 + penalty; }
+};
+
+struct FitOptions {
+  bool refit_parameters = true;  // false: declared values, only the starts and the effects move
+  int iterations = 14;
+  double enough = 0.05;  // stop when the cost falls by less
+};
+
+// `segments`: which to use. `from`: a fit to start at.
+Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
+        const FitOptions& options = {});
+
+// A fit at declared values and guessed starts, nothing adjusted.
+Fit declared_fit(const Problem& p);
+
+// Residuals of the segments named, measured minus model [unit]; 0 where nothing was measured; empty for the others.
+std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>& segments, const Fit& f);
+
+// Sensitivities of the whitened, start-eliminated data at a fit.
+struct Signatures {
+  std::vector<int> nuisance;    // coefficients refitted with their priors
+  std::vector<int> candidates;  // the others asked for
+  Eigen::MatrixXd N, C;         // (rows x nuisance), (rows x candidates), starts projected out
+  Eigen::VectorXd r;            // (rows) whitened residual
+  std::vector<Eigen::Index> offset;  // first row of each segment
+};
+Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates);
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,81 @@
+// A model with all its candidate effects behind one run-time face, so that the diagnosis is compiled once.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "core/trace/course.hpp"
+#include "core/status.hpp"
+
+namespace saltus::diagnosis {
+
+// A number that can be refitted: a declared parameter of the model, or the coefficient of a candidate effect.
+struct Coefficient {
+  std::string name;  // "k", "quadratic_drag@body", "input_delay"
+  std::string unit;
+  double nominal = 0.0;    // declared value; of a candidate 0
+  bool candidate = false;  // an effect that may be added
+  int physical = 0;        // +1: only positive values make sense; 0: either sign
+  double probe = 0.0;      // > 0: no derivative at zero; its signature is the secant to this value
+  bool shifts_time = false;  // a delay or a lag: never below zero, of some fraction of a cycle at most
+  std::string profile_of;    // a knot of a force profile at this port; not a cause
+  std::string refines;       // the candidate it is a refinement of, empty where none
+};
+
+struct Channel {
+  std::string name, unit;
+};
+
+struct Start {
+  int chart = 0;
+  std::vector<double> x;  // (dimension of the chart)
+};
+
+// What a run along a course gives. Rows: sample by sample, output by output.
+struct Response {
+  Status status = Status::ok;
+  std::size_t rows = 0;
+  std::vector<double> y;         // (rows)
+  std::vector<double> gradient;  // (rows x K) row after row; K = starts() + directions
+  Start end;
+  std::int64_t events = 0;
+};
+
+class Machine {
+ public:
+  virtual ~Machine() = default;
+
+  std::string name;
+  std::vector<Coefficient> coefficients;  // declared ones first
+  std::size_t declared = 0;               // how many those are
+  std::vector<Channel> inputs, outputs;
+  std::vector<std::string> charts;
+  int clock = -1;           // place of "omega", the clock's rate, among the coefficients; -1 without a clock
+  bool has_clock = false;
+  double cycle_period = 1;  // [s] of the clock at declared parameters; 1 without a clock
+
+  virtual int starts() const = 0;      // directions taken by the start
+  virtual int directions() const = 0;  // coefficients that can be differentiated in one run
+  virtual int width() const = 0;       // numbers in a row of the gradient
+
+  // Coordinates of a chart that are free at the start (all but the clock), in order.
+  virtual std::vector<int> free_coordinates(int chart) const = 0;
+
+  // `derivatives` false: no gradient, at a fraction of the cost.
+  virtual Response run(std::span<const double> values, const Course& course, const Start& start,
+                       std::span<const int> wanted, bool derivatives) const = 0;
+  Response values_only(std::span<const double> values, const Course& course, const Start& start) const {
+    return run(values, course, start, {}, false);
+  }
+  // The model's own start after `turns` turns of its clock (or seconds) without input, and its state at each of
+  // `per_turn` instants of the next turn: where it is when nobody disturbs it. Empty when it does not get there.
+  virtual std::vector<Start> cycle(std::span<const double> values, int turns, int per_turn) const = 0;
+};
+
+// The machine of that name, or null.
+std::unique_ptr<Machine> make_machine(const std::string& model);
+
+}  // namespace saltus::diagnosis

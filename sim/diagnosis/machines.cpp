@@ -1,0 +1,10 @@
+#include "machines.hpp"
+
+namespace saltus::diagnosis {
+
+std::unique_ptr<Machine> make_machine(const std::string& model) {
+  if (model == "hopper") return hopper_machine();
+  return nullptr;
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,10 @@
+// One function a model, each in a source of its own under sim/effects.
+#pragma once
+
+#include "machine.hpp"
+
+namespace saltus::diagnosis {
+
+std::unique_ptr<Machine> hopper_machine();
+
+}  // namespace saltus::diagnosis

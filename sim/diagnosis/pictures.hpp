@@ -1,0 +1,20 @@
+// Where in the stride the force is missing, what the residual looks like, and what would tell ties apart.
+#pragma once
+
+#include "diagnosis.hpp"
+#include "search.hpp"
+
+namespace saltus::diagnosis {
+
+// The force at each port over the turn of the clock that the residual of a fit asks for; fills where and profiles.
+void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& refit);
+
+// Mean-cycle residuals and frequency responses.
+void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& declared, const Fit& refit,
+          const Fit& after);
+
+// The stimulus that would tell the chosen effects from their closest rival, in words.
+std::string separating_experiment(const Diagnosis& d, const Problem& p, const std::vector<int>& segments,
+                                  const Search& search, const Trial& chosen);
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,118 @@
+// What is plainly not a record of the declared machine is refused with the mend, before any fit makes sense of it.
+#include <algorithm>
+#include <cmath>
+
+#include "diagnosis.hpp"
+
+namespace saltus::diagnosis {
+namespace {
+
+struct Moments {
+  double mean = 0.0, deviation = 0.0;
+};
+Moments moments(const std::vector<double>& x) {
+  Moments m;
+  for (const double v : x) m.mean += v;
+  m.mean /= static_cast<double>(std::max<std::size_t>(1, x.size()));
+  for (const double v : x) m.deviation += (v - m.mean) * (v - m.mean);
+  m.deviation = std::sqrt(m.deviation / static_cast<double>(std::max<std::size_t>(1, x.size())));
+  return m;
+}
+double correlation(const std::vector<double>& a, const std::vector<double>& b, std::size_t shift = 0) {
+  const Moments ma = moments(a), mb = moments(b);
+  if (!(ma.deviation > 0.0) || !(mb.deviation > 0.0)) return 0.0;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) sum += (a[i] - ma.mean) * (b[(i + shift) % b.size()] - mb.mean);
+  return sum / (static_cast<double>(a.size()) * ma.deviation * mb.deviation);
+}
+std::string text(double x) {
+  char s[32];
+  std::snprintf(s, sizeof s, "%.3g", x);
+  return s;
+}
+
+}  // namespace
+
+void refuse_nonsense(const Problem& p, const Data& data, const std::string& record) {
+  const Machine& m = *p.machine;
+  const std::size_t ny = m.outputs.size();
+  if (data.sections == 0) return;
+  const auto N = static_cast<std::size_t>(data.sections);
+  // The mean cycle, measured and of the declared model.
+  std::vector<std::vector<double>> measured(ny, std::vector<double>(N, 0.0)), model = measured, weight = measured, runs = measured;
+  for (const Segment& s : data.segments) {
+    std::vector<double> values;
+    for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
+    const Response r = m.values_only(values, s.course(p.h_max), s.guess);
+    for (Eigen::Index i = 0; i < s.y.size(); ++i) {
+      const std::size_t j = static_cast<std::size_t>(i) % ny, n = static_cast<std::size_t>(i) / ny % N;
+      if (s.count[i] > 0.0) {
+        measured[j][n] += s.y[i];
+        weight[j][n] += 1.0;
+      }
+      if (usable(r.status)) {
+        model[j][n] += r.y[static_cast<std::size_t>(i)];
+        runs[j][n] += 1.0;
+      }
+    }
+  }
+  for (std::size_t j = 0; j < ny; ++j) {
+    for (std::size_t n = 0; n < N; ++n) {
+      if (weight[j][n] == 0.0) {
+        throw RecordError(record, m.outputs[j].name + " was never measured at section " + std::to_string(n),
+                          "record all sections of the cycle");
+      }
+      measured[j][n] /= weight[j][n];
+      model[j][n] /= std::max(1.0, runs[j][n]);
+    }
+  }
+  if (runs[0][0] == 0.0) {
+    throw RecordError(record, "the declared model, driven as recorded, leaves its charts: the stimulus is too large for it",
+                      "record with a smaller amplitude, or correct the model");
+  }
+  for (std::size_t j = 0; j < ny; ++j) {
+    for (std::size_t k = 0; k < ny; ++k) {
+      if (k == j) continue;
+      const double own = correlation(measured[j], model[j]), other = correlation(measured[j], model[k]);
+      if (own < 0.7 && other > 0.95 && correlation(measured[k], model[j]) > 0.95) {
+        throw RecordError(record, "column " + m.outputs[j].name + " moves like the model's " + m.outputs[k].name +
+                                      " and the other way round",
+                          "swap the two columns, or their names in the header");
+      }
+    }
+  }
+  for (std::size_t j = 0; j < ny; ++j) {
+    const Moments a = moments(measured[j]), b = moments(model[j]);
+    const double ratio = a.deviation / std::max(1e-300, b.deviation);
+    if (ratio > 20.0 || ratio < 0.05) {
+      const double power = std::pow(10.0, std::round(std::log10(ratio)));
+      throw RecordError(record, m.outputs[j].name + " swings " + text(ratio) + " times as far as the declared model says",
+                        std::abs(std::log10(ratio / power)) < 0.15
+                            ? "it looks like another unit: multiply the column by " + text(1.0 / power) + " to have it in " + m.outputs[j].unit
+                            : "check its unit, and that this is the right model");
+    }
+  }
+  double here = 0.0, best = 0.0;
+  std::size_t at = 0;
+  for (std::size_t shift = 0; shift < N; ++shift) {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < ny; ++j) sum += correlation(measured[j], model[j], shift) / static_cast<double>(ny);
+    if (shift == 0) here = sum;
+    if (shift == 0 || sum > best) {
+      best = sum;
+      at = shift;
+    }
+  }
+  if (at != 0 && best > 0.98 && best - here > 0.01) {
+    const long sections = at > N / 2 ? static_cast<long>(at) - static_cast<long>(N) : static_cast<long>(at);
+    throw RecordError(record, "its clock is shifted: the motion fits the model's when moved by " + std::to_string(sections) + " of " +
+                                  std::to_string(N) + " sections",
+                      "record section 0 at phase 0 of the clock, or renumber the sections");
+  }
+  if (here < 0.6) {
+    throw RecordError(record, "its motion has little in common with the declared model's (correlation " + text(here) + ")",
+                      "check --model and the columns");
+  }
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,305 @@
+#include "search.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/trace/statistics.hpp"
+
+namespace saltus::diagnosis {
+namespace {
+
+std::vector<int> with(std::vector<int> set, int e) {
+  if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);
+  std::sort(set.begin(), set.end());
+  return set;
+}
+std::vector<int> without(std::vector<int> set, int e) {
+  set.erase(std::remove(set.begin(), set.end(), e), set.end());
+  return set;
+}
+
+}  // namespace
+
+Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> candidates, double false_alarm)
+    : p_(p), segments_(std::move(segments)), candidates_(std::move(candidates)) {
+  for (const int s : segments_) {
+    const auto& c = p.data->segments[static_cast<std::size_t>(s)].count;
+    samples_ += static_cast<double>((c.array() > 0.0).count());
+  }
+  threshold_ = largest_of(std::max(1, static_cast<int>(candidates_.size())), false_alarm);
+  view_level_ = 0.1 * false_alarm;
+}
+
+const Trial& Search::store(Trial t) {
+  t.bic = t.fit.cost() + static_cast<double>(t.effects.size()) * std::log(std::max(2.0, samples_));
+  auto [it, added] = pool_.try_emplace(t.effects, t);
+  if (!added && t.bic < it->second.bic) it->second = std::move(t);
+  return it->second;
+}
+
+const Trial& Search::best() const {
+  const Trial* b = &base();
+  for (const auto& [set, t] : pool_) {
+    if (t.bic < b->bic) b = &t;
+  }
+  return *b;
+}
+
+bool Search::physical(int coefficient, double value) const {
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
+  return c.physical == 0 || value > 0.0;
+}
+
+void Search::baseline(const Fit& declared) {
+  store({{}, fit(p_, segments_, declared, {}), 0.0});
+  base_gate_ = gate(base().fit);
+  // A refinement of another law is a candidate of its own only where the data can tell the two apart.
+  const Evidence& e = base_gate_.evidence;
+  std::vector<int> kept;
+  for (const int c : candidates_) {
+    const std::string& refined = p_.machine->coefficients[static_cast<std::size_t>(c)].refines;
+    bool keep = true;
+    for (const int o : candidates_) {
+      if (refined.empty() || p_.machine->coefficients[static_cast<std::size_t>(o)].name != refined) continue;
+      const auto i = e.find(c), j = e.find(o);
+      if (i >= 0 && j >= 0 && std::abs(e.cosine(i, j)) > 0.98) keep = false;
+    }
+    if (keep) kept.push_back(c);
+  }
+  if (kept.size() != candidates_.size()) {
+    candidates_ = std::move(kept);
+    base_gate_ = gate(base().fit);
+  }
+}
+
+std::vector<int> Search::judged() const {
+  std::vector<int> r;
+  const Evidence& e = base_gate_.evidence;
+  for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+    if (e.usable(static_cast<Eigen::Index>(i))) r.push_back(e.candidate[i]);
+  }
+  return r;
+}
+
+Gate Search::gate(const Fit& f) const {
+  Gate g;
+  g.views = views(p_, segments_, f);
+  for (const View& v : g.views) g.views_pass = g.views_pass && v.p > view_level_;
+  g.evidence = evidence(p_, segments_, f, candidates_);
+  for (std::size_t i = 0; i < g.evidence.candidate.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    if (!g.evidence.usable(k)) continue;
+    if (std::abs(g.evidence.z[k]) > std::max(threshold_, std::abs(g.worst_z))) {
+      g.worst = g.evidence.candidate[i];
+      g.worst_z = g.evidence.z[k];
+      g.scores_pass = false;
+    }
+  }
+  return g;
+}
+
+const Trial& Search::explore(const std::vector<int>& from, int added, double estimate, bool patient) {
+  const std::vector<int> set = with(from, added);
+  if (const auto it = pool_.find(set); it != pool_.end() && !patient) return it->second;
+  const Trial& start = pool_.at(from);
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
+  std::vector<double> guesses;
+  if (c.probe > 0.0) {
+    guesses = {c.probe, 0.1 * c.probe, 10.0 * c.probe};
+  } else {
+    guesses = {estimate};
+    if (patient) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
+  }
+  Trial t{set, start.fit, 0.0};
+  t.fit.chi2 = std::numeric_limits<double>::infinity();
+  // Several starts: a few steps each on part of the data, then the best one on all of it.
+  std::vector<int> part = segments_;
+  FitOptions brief;
+  if (guesses.size() > 1) {
+    if (part.size() > 3) part.resize(3);
+    brief.iterations = 4;
+    brief.enough = 1.0;
+  }
+  for (const double guess : guesses) {
+    Fit f = start.fit;
+    double v = c.nominal + guess;
+    if (c.shifts_time) v = std::clamp(v, 0.0, 0.1 * p_.machine->cycle_period);
+    f.values[static_cast<std::size_t>(added)] = v;
+    f = fit(p_, part, f, set, brief);
+    if (f.cost() < t.fit.cost()) t.fit = std::move(f);
+  }
+  if (guesses.size() > 1) t.fit = fit(p_, segments_, t.fit, set);
+  return store(std::move(t));
+}
+
+const Trial& Search::run(const std::function<void(double)>& progress) {
+  constexpr std::size_t most_effects = 4;
+  // Where a linear estimate is apt to be trapped far below the truth: several starts.
+  const auto curved = [&](int c) {
+    const Coefficient& k = p_.machine->coefficients[static_cast<std::size_t>(c)];
+    return k.shifts_time || k.probe > 0.0 || k.name.find("damper") != std::string::npos;
+  };
+  struct Lead {
+    std::vector<int> from;
+    int added;
+    double estimate, gain;
+  };
+  const auto leads_at = [&](const Trial& t, const Evidence& e, std::size_t most) {
+    std::vector<Lead> leads;
+    for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      const int c = e.candidate[i];
+      if (!e.usable(k) || !physical(c, e.value[k])) continue;
+      if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
+      leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
+    }
+    std::sort(leads.begin(), leads.end(), [](const Lead& a, const Lead& b) { return a.gain > b.gain; });
+    if (leads.size() > most) leads.resize(most);
+    return leads;
+  };
+
+  const std::vector<Lead> leads = leads_at(base(), base_gate_.evidence, candidates_.size());
+  for (std::size_t i = 0; i < leads.size(); ++i) {
+    const Lead& l = leads[i];
+    const bool secant = p_.machine->coefficients[static_cast<std::size_t>(l.added)].probe > 0.0;
+    if (!secant && (l.gain < 4.0 || l.gain < 0.02 * leads[0].gain || (i > 7 && !curved(l.added)))) continue;
+    explore(l.from, l.added, l.estimate, curved(l.added) || i < 2);
+    progress(0.1 + 0.3 * static_cast<double>(i) / static_cast<double>(leads.size()));
+  }
+  for (std::size_t size = 1; size <= most_effects; ++size) {
+    const Trial& b = best();
+    if (b.effects.size() < size) break;  // nothing larger helped
+    if (gate(b.fit).passes() || size == most_effects) break;
+    // More effects only where these already explain most of what there is.
+    const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
+    if (size > 1 && left > (size == 2 ? 0.4 : 0.15) * excess) break;
+    // From the best few sets of this size to the next.
+    std::vector<const Trial*> sets;
+    for (const auto& [set, t] : pool_) {
+      if (set.size() == size) sets.push_back(&t);
+    }
+    std::sort(sets.begin(), sets.end(), [](const Trial* x, const Trial* y) { return x->bic < y->bic; });
+    if (sets.size() > 2) sets.resize(2);
+    std::vector<Lead> next;
+    for (const Trial* t : sets) {
+      const Evidence e = evidence(p_, segments_, t->fit, candidates_);
+      const auto some = leads_at(*t, e, 3);
+      next.insert(next.end(), some.begin(), some.end());
+    }
+    if (size == 1) {  // all pairs, to first order at the baseline
+      const Evidence& e = base_gate_.evidence;
+      struct Pair {
+        int i, j;
+        double vi, vj, gain;
+      };
+      std::vector<Pair> pairs;
+      for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+        for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
+          const auto a = static_cast<Eigen::Index>(i), c = static_cast<Eigen::Index>(j);
+          if (!e.usable(a) || !e.usable(c) || std::abs(e.cosine(a, c)) > 0.98) continue;
+          Eigen::Matrix2d I;
+          I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
+          const Eigen::Vector2d s(e.score[a], e.score[c]);
+          const Eigen::Vector2d v = I.inverse() * s;
+          if (!physical(e.candidate[i], v[0]) || !physical(e.candidate[j], v[1])) continue;
+          pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
+        }
+      }
+      std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.gain > y.gain; });
+      for (std::size_t k = 0; k < pairs.size() && k < 3; ++k) {
+        const Pair& q = pairs[k];
+        const std::vector<int> set = with({q.i}, q.j);
+        if (pool_.count(set) > 0) continue;
+        Fit f = base().fit;
+        f.values[static_cast<std::size_t>(q.i)] += q.vi;
+        f.values[static_cast<std::size_t>(q.j)] += q.vj;
+        store({set, fit(p_, segments_, f, set), 0.0});
+      }
+    }
+    const double before = best().bic;
+    for (std::size_t i = 0; i < next.size(); ++i) {
+      if (next[i].gain < 4.0) continue;
+      explore(next[i].from, next[i].added, next[i].estimate, curved(next[i].added) && i < 3);
+      progress(0.4 + 0.1 * static_cast<double>(size) + 0.1 * static_cast<double>(i) / static_cast<double>(next.size()));
+    }
+    if (!(best().bic < before)) break;
+  }
+  // Backward: an effect that no longer earns its place goes.
+  for (bool again = true; again;) {
+    again = false;
+    const std::vector<int> set = best().effects;
+    for (const int e : set) {
+      if (set.size() < 2) break;
+      const std::vector<int> smaller = without(set, e);
+      if (pool_.count(smaller) == 0) {
+        Fit f = pool_.at(set).fit;
+        f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+        store({smaller, fit(p_, segments_, f, smaller), 0.0});
+      }
+    }
+    again = best().effects != set;
+  }
+  // What does not clear the threshold against the same without it is not there.
+  const Trial* b = &best();
+  for (bool again = true; again && !b->effects.empty();) {
+    again = false;
+    for (const int e : b->effects) {
+      const auto it = pool_.find(without(b->effects, e));
+      if (it != pool_.end() && it->second.fit.cost() - b->fit.cost() < threshold_ * threshold_) {
+        b = &it->second;
+        again = true;
+        break;
+      }
+    }
+  }
+  return *b;
+}
+
+std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
+  std::vector<Swap> swaps;
+  const Trial best_trial = chosen;
+  for (const int e : best_trial.effects) {
+    Fit f = best_trial.fit;
+    f.free.erase(std::remove(f.free.begin(), f.free.end(), e), f.free.end());
+    const Evidence v = evidence(p_, segments_, f, candidates_);
+    const auto i = v.find(e);
+    if (i < 0 || !(v.error[i] > 0.0)) continue;
+    const double value = best_trial.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+    const double z2 = value * value / (v.error[i] * v.error[i]);
+    struct Other {
+      int c;
+      double cosine, start, loss;
+    };
+    std::vector<Other> others;
+    for (std::size_t k = 0; k < v.candidate.size(); ++k) {
+      const auto j = static_cast<Eigen::Index>(k);
+      const int c = v.candidate[k];
+      if (c == e || !v.usable(j)) continue;
+      const double cosine = v.cosine(i, j);
+      if (std::find(best_trial.effects.begin(), best_trial.effects.end(), c) != best_trial.effects.end()) continue;
+      const double start = value * v.information(i, j) / v.information(j, j);
+      if (!physical(c, start)) continue;
+      others.push_back({c, cosine, start, z2 * (1.0 - cosine * cosine)});
+    }
+    std::sort(others.begin(), others.end(), [](const Other& a, const Other& b) { return a.loss < b.loss; });
+    for (std::size_t k = 0; k < others.size() && k < 4; ++k) {
+      const Other& o = others[k];
+      swaps.push_back({e, o.c, o.cosine});
+      // First order is not enough to dismiss a near twin of a large effect.
+      if (o.loss > 100.0 && std::abs(o.cosine) < 0.97) continue;
+      const std::vector<int> set = with(without(best_trial.effects, e), o.c);
+      if (pool_.count(set) > 0) continue;
+      Fit g = best_trial.fit;
+      g.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+      g.values[static_cast<std::size_t>(o.c)] += o.start;
+      store({set, fit(p_, segments_, g, set), 0.0});
+    }
+  }
+  return swaps;
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,72 @@
+// The search for the smallest set of effects that leaves nothing but noise.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "evidence.hpp"
+
+namespace saltus::diagnosis {
+
+struct Trial {
+  std::vector<int> effects;  // sorted
+  Fit fit;
+  double bic = 0.0;
+};
+
+// Is anything left? Views against the repeats' noise, and the score along every candidate.
+struct Gate {
+  std::vector<View> views;
+  Evidence evidence;
+  int worst = -1;         // candidate of the largest significant score
+  double worst_z = 0.0;
+  bool views_pass = true, scores_pass = true;
+  bool passes() const { return views_pass && scores_pass; }
+};
+
+class Search {
+ public:
+  Search(const Problem& p, std::vector<int> segments, std::vector<int> candidates, double false_alarm);
+
+  // Fits the baseline; then everything else may be asked.
+  void baseline(const Fit& declared);
+  Gate gate(const Fit& f) const;
+
+  // Looks for effects until the gate passes, the gain stops, or there are four. Returns the best trial.
+  const Trial& run(const std::function<void(double)>& progress);
+
+  // Exchanges each effect of a trial for its near twins, so that ties are found; cosines to those tried.
+  struct Swap {
+    int from = -1, to = -1;
+    double cosine = 0.0;
+  };
+  std::vector<Swap> swap_twins(const Trial& best);
+
+  const Trial& base() const { return pool_.at({}); }
+  const Gate& base_gate() const { return base_gate_; }
+  const std::map<std::vector<int>, Trial>& pool() const { return pool_; }
+  const std::vector<int>& candidates() const { return candidates_; }
+  double threshold() const { return threshold_; }
+  double samples() const { return samples_; }
+  bool physical(int coefficient, double value) const;
+  // The base evidence's candidates that the data can judge, as coefficients.
+  std::vector<int> judged() const;
+
+ private:
+  const Trial& explore(const std::vector<int>& from, int added, double estimate, bool patient);
+  const Trial& store(Trial t);
+  const Trial& best() const;
+
+  const Problem& p_;
+  std::vector<int> segments_, candidates_;
+  double threshold_ = 4.0;  // of |z|, for all candidates together
+  double view_level_ = 1e-3;
+  double samples_ = 0.0;
+  Gate base_gate_;
+  std::map<std::vector<int>, Trial> pool_;
+};
+
+}  // namespace saltus::diagnosis

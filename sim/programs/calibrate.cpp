@@ -1,0 +1,220 @@
+// saltus calibrate: how often is a diagnosis right? Machines with known effects are measured and diagnosed, seed by seed.
+#include "calibrate.hpp"
+
+#include <algorithm>
+#include <cstdio>
+#include <map>
+#include <set>
+
+#include "../diagnosis/diagnosis.hpp"
+#include "../diagnosis/synthetic.hpp"
+#include "core/random.hpp"
+
+namespace saltus::program {
+namespace {
+
+using namespace diagnosis;
+
+struct Arguments {
+  std::string model = "hopper", json;
+  std::vector<std::string> effects;
+  std::vector<std::string> scenarios{"none", "parameters", "single", "pair", "outside"};
+  int trials = 20;
+  int experiments = 4, period = 32;
+  std::uint64_t seed = 1;
+  double times = 3.0;
+};
+
+struct Truth {
+  std::string label;
+  std::vector<std::pair<std::string, double>> changes;  // of effects alone
+  std::set<std::string> effects;
+};
+
+struct Score {
+  int trials = 0, right = 0, tie = 0, wrong = 0, nothing = 0, unexplained = 0, refused = 0, covered = 0, intervals = 0;
+  std::map<std::string, int> named;
+};
+
+bool same(const Diagnosis& d, const std::set<std::string>& truth) {
+  if (d.effects.size() != truth.size()) return false;
+  for (const Finding& f : d.effects) {
+    if (truth.count(f.name) == 0) return false;
+  }
+  return true;
+}
+// The truth is the answer, or among what the answer calls equally good.
+bool tied(const Diagnosis& d, const std::set<std::string>& truth) {
+  std::set<std::string> left = truth;
+  for (const Finding& f : d.effects) {
+    if (left.erase(f.name) > 0) continue;
+    for (const auto& t : f.ties) {
+      if (left.erase(t) > 0) break;
+    }
+  }
+  if (left.empty() && d.effects.size() == truth.size()) return true;
+  for (const Rival& r : d.rivals) {
+    if (r.bic <= 6.0 && std::set<std::string>(r.names.begin(), r.names.end()) == truth) return true;
+  }
+  return false;
+}
+
+void judge(Score& s, const Diagnosis& d, const Truth& truth) {
+  ++s.trials;
+  std::string said = name(d.verdict);
+  if (!d.effects.empty()) {
+    said.clear();
+    for (const Finding& f : d.effects) said += (said.empty() ? "" : " + ") + f.name;
+  }
+  ++s.named[said];
+  if (truth.effects.empty()) {
+    (d.effects.empty() && d.verdict != Verdict::unexplained ? s.right : s.wrong) += 1;
+    return;
+  }
+  if (d.verdict == Verdict::unexplained) {
+    ++s.unexplained;
+  } else if (d.effects.empty()) {
+    ++s.nothing;
+  } else if (same(d, truth.effects) && d.verdict == Verdict::effect_found) {
+    ++s.right;
+  } else if (tied(d, truth.effects)) {
+    ++s.tie;
+  } else {
+    ++s.wrong;
+  }
+  for (const Finding& f : d.effects) {
+    for (const auto& [effect, value] : truth.changes) {
+      if (f.name != effect) continue;
+      ++s.intervals;
+      s.covered += value >= f.low && value <= f.high;
+    }
+  }
+}
+
+void run(const Arguments& a) {
+  const auto fresh = [&] {
+    auto m = make_machine(a.model);
+    if (!m) throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
+    return m;
+  };
+  Campaign campaign;
+  campaign.experiments = a.experiments;
+  campaign.period = a.period;
+  campaign.settle = 24;
+  if (a.model == "hopper") {
+    campaign.noise = {1e-3, 6e-3};
+  } else {
+    campaign.noise = {1e-4, 1e-3};
+    campaign.amplitude = 1.5e-3;
+  }
+  const auto machine = fresh();
+  std::vector<double> nominal;
+  values_with(*machine, {}, nominal);
+  // Detection limits of this very campaign, from one record without any effect.
+  const Diagnosis empty = diagnose(synthesise(*machine, nominal, campaign, a.seed), *fresh(), {});
+  std::map<std::string, double> limit;
+  for (const CandidateRow& c : empty.candidates) {
+    if (c.limit > 0.0) limit[c.name] = c.limit;
+  }
+  std::vector<std::string> effects = a.effects;
+  if (effects.empty()) {
+    for (const auto& [name, value] : limit) {
+      if (name.compare(0, 10, "asymmetric") != 0 && name != "restitution") effects.push_back(name);
+    }
+  }
+  std::vector<std::pair<Truth, Score>> table;
+  const auto wanted = [&](const char* what) {
+    return std::find(a.scenarios.begin(), a.scenarios.end(), what) != a.scenarios.end();
+  };
+  if (wanted("none")) table.push_back({{"no effect", {}, {}}, {}});
+  if (wanted("parameters")) table.push_back({{"parameters off by their tolerances", {}, {}}, {}});
+  if (wanted("single")) {
+    for (const std::string& e : effects) {
+      if (limit.count(e) == 0) throw UsageError("--effects " + e + ": not a candidate that can be seen on this campaign");
+      table.push_back({{e, {{e, a.times * limit.at(e)}}, {e}}, {}});
+    }
+  }
+  if (wanted("pair")) {
+    for (std::size_t i = 0; i + 1 < effects.size(); i += 2) {
+      const auto &x = effects[i], &y = effects[i + 1];
+      if (limit.count(x) == 0 || limit.count(y) == 0) continue;
+      table.push_back({{x + " + " + y, {{x, 2.0 * a.times * limit.at(x)}, {y, a.times * limit.at(y)}}, {x, y}}, {}});
+    }
+  }
+  if (wanted("outside")) {
+    for (const Coefficient& c : machine->coefficients) {
+      if (c.profile_of.empty() || c.name.back() != '5') continue;
+      table.push_back({{"outside: " + c.name, {{c.name, 0.1 * a.times}}, {"outside"}}, {}});
+    }
+  }
+  Progress progress("calibrating");
+  double done = 0.0;
+  for (std::size_t row = 0; row < table.size(); ++row) {
+    auto& [truth, score] = table[row];
+    for (int n = 0; n < a.trials; ++n) {
+      progress.at(done++ / static_cast<double>(table.size() * static_cast<std::size_t>(a.trials)));
+      const std::uint64_t seed = a.seed + 1000 * (row + 1) + static_cast<std::uint64_t>(n);
+      Random random(seed, 99);
+      auto changes = truth.changes;
+      if (truth.label[0] == 'p' && truth.effects.empty()) {
+        for (std::size_t i = 0; i < machine->declared; ++i) {
+          const Coefficient& c = machine->coefficients[i];
+          if (static_cast<int>(i) == machine->clock || c.candidate) continue;
+          changes.emplace_back(c.name, c.nominal * (1.0 + 0.02 * random.normal()));
+        }
+      }
+      std::vector<double> values;
+      values_with(*machine, changes, values);
+      const Record record = synthesise(*machine, values, campaign, seed);
+      if (record.rows() == 0) {
+        ++score.refused;
+        continue;
+      }
+      try {
+        judge(score, diagnose(record, *fresh(), {}), truth);
+      } catch (const RecordError&) {
+        ++score.refused;
+      }
+    }
+  }
+  nlohmann::json all = nlohmann::json::array();
+  if (a.json != "-") {
+    std::printf("| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|\n");
+  }
+  for (const auto& [truth, s] : table) {
+    all.push_back({{"truth", truth.label}, {"trials", s.trials}, {"right", s.right}, {"tie", s.tie}, {"wrong", s.wrong},
+                   {"nothing", s.nothing}, {"unexplained", s.unexplained}, {"refused", s.refused}, {"covered", s.covered},
+                   {"intervals", s.intervals}, {"named", s.named}});
+    if (a.json == "-") continue;
+    std::printf("| %s | %d | %d | %d | %d | %d | %d | %d | %d of %d |\n", truth.label.c_str(), s.trials, s.right, s.tie, s.wrong,
+                s.nothing, s.unexplained, s.refused, s.covered, s.intervals);
+    for (const auto& [said, count] : s.named) {
+      if (s.wrong > 0) std::printf("|   said %s | %d | | | | | | | |\n", said.c_str(), count);
+    }
+    std::fflush(stdout);
+  }
+  if (!a.json.empty()) write_json(a.json, all);
+}
+
+}  // namespace
+
+void add_calibrate(CLI::App& app) {
+  auto* command = app.add_subcommand("calibrate", "How often a diagnosis is right: emulated machines with known effects, seed by seed");
+  command->footer("Example: saltus calibrate hopper --trials 50 --scenarios single --times 10");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("MODEL", a->model, "the model: hopper or bouncing_ball")->capture_default_str();
+  command->add_option("--scenarios", a->scenarios, "none, parameters, single, pair, outside")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"none", "parameters", "single", "pair", "outside"}));
+  command->add_option("--effects", a->effects, "the effects to try; all that can be seen where not given")->delimiter(',');
+  command->add_option("--trials", a->trials, "seeds a line of the table")->check(CLI::Range(1, 100000))->capture_default_str();
+  command->add_option("--times", a->times, "size of an effect, in detection limits")->check(CLI::PositiveNumber)->capture_default_str();
+  command->add_option("--experiments", a->experiments, "experiments of a campaign")->check(CLI::Range(2, 64))->capture_default_str();
+  command->add_option("--period", a->period, "cycles of a stimulus period")->check(CLI::Range(8, 64))->capture_default_str();
+  command->add_option("--seed", a->seed, "seed of everything random")->capture_default_str();
+  command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");
+  command->callback([a] { run(*a); });
+}
+
+}  // namespace saltus::program

@@ -1,0 +1,102 @@
+// saltus diagnose: given a measured record and a declared model, what does the model lack?
+#include <cstdio>
+
+#include "../diagnosis/json.hpp"
+#include "hal/record.hpp"
+#include "calibrate.hpp"
+#include "program.hpp"
+
+namespace saltus::program {
+namespace {
+
+struct Arguments {
+  std::string record, model, json, report;
+  std::vector<std::string> settings, tolerances, candidates;
+  int holdout = -1;
+  std::uint64_t seed = 1;
+};
+
+double declared_value(const diagnosis::Machine& m, const std::string& name, const std::string& option) {
+  std::string names;
+  for (std::size_t i = 0; i < m.declared; ++i) {
+    const auto& c = m.coefficients[i];
+    if (c.candidate) continue;
+    if (c.name == name) return c.nominal;
+    names += (names.empty() ? "" : ", ") + c.name;
+  }
+  throw UsageError(option + ": " + m.name + " has no parameter '" + name + "'; it has " + names);
+}
+
+void run(const Arguments& a) {
+  const Record record = read_record(a.record);
+  const std::string model = a.model.empty() ? record.model : a.model;
+  if (model.empty()) throw UsageError("--model is missing, and the record names none; models: " + known_models());
+  auto machine = diagnosis::make_machine(model);
+  if (!machine) throw UsageError("--model " + model + ": there is no such model; there are " + known_models());
+  if (!record.model.empty() && record.model != model) {
+    throw RunError(a.record + ": it says it is of the model " + record.model + ", not " + model + "; choose --model " +
+                   record.model + ", or correct its header");
+  }
+  diagnosis::Options options;
+  for (const std::string& text : a.settings) {
+    const Setting s = parse_setting(text, "--set");
+    declared_value(*machine, s.name, "--set " + text);
+    options.set.emplace_back(s.name, s.value);
+  }
+  for (const std::string& text : a.tolerances) {
+    const bool percent = !text.empty() && text.back() == '%';
+    const Setting s = parse_setting(percent ? text.substr(0, text.size() - 1) : text, "--tolerance");
+    double nominal = declared_value(*machine, s.name, "--tolerance " + text);
+    for (const auto& [name, value] : options.set) {
+      if (name == s.name) nominal = value;
+    }
+    if (s.value < 0.0)
+      throw UsageError("--tolerance " + text + ": a standard deviation is not negative; 0 means exactly known");
+    options.tolerance.emplace_back(s.name, percent ? 0.01 * s.value * std::abs(nominal) : s.value);
+  }
+  options.candidates = a.candidates;
+  options.holdout = a.holdout;
+  options.seed = a.seed;
+  Progress progress("diagnosing");
+  options.progress = [&](double fraction, const char*) { progress.at(fraction); };
+  const diagnosis::Diagnosis d = diagnosis::diagnose(record, *machine, options);
+  if (!a.json.empty()) write_json(a.json, diagnosis::to_json(d));
+  if (a.json == "-") return;
+  for (const std::string& line : d.story) std::printf("%s\n", line.c_str());
+  for (const std::string& note : d.notes) std::printf("Note: %s\n", note.c_str());
+}
+
+}  // namespace
+
+void add_diagnose(CLI::App& app) {
+  auto* command = app.add_subcommand(
+      "diagnose", "What a model lacks, from a measured record: the cause of the residual, before and after");
+  command->footer(
+      "Example: saltus diagnose record.csv --model hopper --tolerance k=1% --report report --json verdict.json");
+  auto a = std::make_shared<Arguments>();
+  command->add_option("RECORD", a->record, "the record, a CSV file")->required()->check(CLI::ExistingFile);
+  command->add_option("--model", a->model, "the declared model; where missing, the one the record names");
+  command->add_option("--set", a->settings, "NAME=VALUE: declare a parameter's value, in its SI unit; may be repeated")
+      ->type_name("NAME=VALUE")
+      ->allow_extra_args(false);
+  command
+      ->add_option("--tolerance", a->tolerances,
+                   "NAME=SIGMA: how well a parameter is known, one standard deviation, absolute or in percent (b=5%), "
+                   "0 = exactly; "
+                   "2% where not given; may be repeated")
+      ->type_name("NAME=SIGMA")
+      ->allow_extra_args(false);
+  command->add_option("--candidates", a->candidates, "consider only these effects: names, or beginnings ending in *")
+      ->delimiter(',');
+  command
+      ->add_option("--holdout", a->holdout,
+                   "how many experiments, the last ones, are predicted and not fitted; default a third")
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--seed", a->seed, "seed of everything random")->capture_default_str();
+  command->add_option("--report", a->report, "write a page about it into the folder DIR")->type_name("DIR");
+  command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");
+  command->callback([a] { run(*a); });
+  add_calibrate(app);
+}
+
+}  // namespace saltus::program
