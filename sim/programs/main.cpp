@@ -17,6 +17,7 @@ int main(int argc, char** argv) {
   add_design(app);
   add_identify(app);
   add_diagnose(app);
+  add_rig(app);
   add_demo(app);
   try {
     const std::string first = argc > 1 ? argv[1] : "-";

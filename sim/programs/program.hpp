@@ -32,6 +32,7 @@ void add_htf(CLI::App& app);
 void add_design(CLI::App& app);
 void add_identify(CLI::App& app);
 void add_diagnose(CLI::App& app);
+void add_rig(CLI::App& app);
 void add_demo(CLI::App& app);
 
 // MODEL, --set NAME=VALUE ... and how finely to integrate.
