@@ -1,5 +1,4 @@
-// A whole campaign on an emulated machine: find its limit cycle, play every
-// experiment of a plan, identify.
+// A whole campaign on an emulated machine: find its limit cycle, play every experiment of a plan, identify.
 #pragma once
 
 #include <cmath>
@@ -16,73 +15,62 @@
 namespace saltus {
 
 inline constexpr int campaign_sections = 32;
-inline constexpr double attracting =
-    0.9999; // [-] of a deviation, a cycle later: above it nothing settles
+inline constexpr double attracting = 0.9999;  // [-] of a deviation, a cycle later: above it nothing settles
 
 struct CampaignOptions {
-  std::int64_t ticks = 512; // [tick] a turn of the clock
-  std::int64_t settle = 80; // [cycle] played before the estimator listens
-  std::int64_t periods = 1; // [stimulus period] listened to
-  int harmonics = 3;        // H_-harmonics ... H_harmonics
-  std::vector<double>
-      noise; // [output unit] standard deviation of each output; empty: none
-  std::uint64_t seed = 1; // of the noise
+  std::int64_t ticks = 512;   // [tick] a turn of the clock
+  std::int64_t settle = 80;   // [cycle] played before the estimator listens
+  std::int64_t periods = 1;   // [stimulus period] listened to
+  int harmonics = 3;          // H_-harmonics ... H_harmonics
+  std::vector<double> noise;  // [output unit] standard deviation of each output; empty: none
+  std::uint64_t seed = 1;     // of the noise
 };
 
-template <class M> struct Campaign {
+template <class M>
+struct Campaign {
   Orbit<M, campaign_sections> orbit;
   LdtpOf<M, campaign_sections> system;
   Identification id;
-  double period = 1.0; // [s]
-  double decay = 0.0;  // [-] what a cycle leaves of a deviation: the largest
-                       // modulus of a multiplier
+  double period = 1.0;  // [s]
+  double decay = 0.0;   // [-] what a cycle leaves of a deviation: the largest modulus of a multiplier
 
   // The exact H_m of the linearised model at a line.
-  Complex exact(const HtfEstimate &h) const {
-    const double omega = 2.0 * std::numbers::pi * h.line /
-                         (static_cast<double>(id.period) * id.sections);
+  Complex exact(const HtfEstimate& h) const {
+    const double omega = 2.0 * std::numbers::pi * h.line / (static_cast<double>(id.period) * id.sections);
     return htf(system, omega)(h.m)(h.output, 0);
   }
 };
 
 // Leaves the first `rows` of a record.
-inline void cut(Record &r, std::size_t rows) {
+inline void cut(Record& r, std::size_t rows) {
   r.experiment.resize(rows);
   r.cycle.resize(rows);
   r.section.resize(rows);
   r.t.resize(rows);
-  for (Channel &c : r.inputs)
-    c.values.resize(rows);
-  for (Channel &c : r.outputs)
-    c.values.resize(rows);
+  for (Channel& c : r.inputs) c.values.resize(rows);
+  for (Channel& c : r.outputs) c.values.resize(rows);
 }
 
-// Starts every experiment on the limit cycle. `record`, when given, receives
-// every sample, settling included. Status: of the orbit search when that
-// failed, failed when the cycle does not attract so that no experiment would
-// settle (nothing is identified then), else the worst the machine reported.
-// `play(experiment, rig, stimulus, spectrum, samples, settle, estimator,
-// on_sample)` plays one and returns its status; it may begin one again, and the
-// rig is for who wants one in this process.
+// Starts every experiment on the limit cycle. `record`, when given, receives every sample, settling included. Status:
+// of the orbit search when that failed, failed when the cycle does not attract so that no experiment would settle
+// (nothing is identified then), else the worst the machine reported.
+// `play(experiment, rig, stimulus, spectrum, samples, settle, estimator, on_sample)` plays one and returns its status;
+// it may begin one again, and the rig is for who wants one in this process.
 template <class M, class Family, class Play>
-std::unique_ptr<Campaign<M>>
-run_campaign(const M &m, const Family &family, const Plan &plan,
-             const CampaignOptions &o, Record *record,
-             const std::function<void(double)> &progress, Play &&play) {
+std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
+                                          Record* record, const std::function<void(double)>& progress, Play&& play) {
   constexpr int ny = output_count<M>;
   auto campaign = std::make_unique<Campaign<M>>();
-  Campaign<M> &c = *campaign;
+  Campaign<M>& c = *campaign;
   const Timebase base = timebase_of(m, o.ticks);
   c.period = base.period;
   c.orbit = find_orbit<campaign_sections>(m, base, family, c.system);
   c.id.sections = plan.options.sections;
   c.id.period = plan.options.period;
   c.id.worst = c.orbit.status;
-  if (c.orbit.status != Status::ok)
-    return campaign;
+  if (c.orbit.status != Status::ok) return campaign;
   const std::vector<Complex> multipliers = eigenvalues(c.system.monodromy(0));
-  c.decay = multipliers.empty() ? std::numeric_limits<double>::infinity()
-                                : std::abs(multipliers[0]);
+  c.decay = multipliers.empty() ? std::numeric_limits<double>::infinity() : std::abs(multipliers[0]);
   if (!(c.decay < attracting)) {
     c.id.worst = Status::failed;
     return campaign;
@@ -90,25 +78,20 @@ run_campaign(const M &m, const Family &family, const Plan &plan,
   const auto settle = static_cast<double>(o.settle);
   if (const double left = std::pow(c.decay, settle); left > 1e-4) {
     char note[128];
-    std::snprintf(note, sizeof note,
-                  "after %.0f settling cycles %.1e of the first transient is "
-                  "left; %.0f leave 1e-4",
-                  settle, left,
-                  std::max(1.0, std::ceil(std::log(1e-4) / std::log(c.decay))));
+    std::snprintf(note, sizeof note, "after %.0f settling cycles %.1e of the first transient is left; %.0f leave 1e-4",
+                  settle, left, std::max(1.0, std::ceil(std::log(1e-4) / std::log(c.decay))));
     c.id.notes.emplace_back(note);
   }
 
   Output<M> noise = Output<M>::Zero();
-  for (std::size_t i = 0;
-       i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
+  for (std::size_t i = 0; i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
     noise[static_cast<int>(i)] = o.noise[i];
   using Estimator = LineEstimator<ny>;
   const auto estimator = std::make_unique<Estimator>();
   std::vector<typename Estimator::Sample> baseline;
-  for (const auto &y : c.orbit.output) {
+  for (const auto& y : c.orbit.output) {
     typename Estimator::Sample s{};
-    for (int i = 0; i < ny; ++i)
-      s[static_cast<std::size_t>(i)] = y[i];
+    for (int i = 0; i < ny; ++i) s[static_cast<std::size_t>(i)] = y[i];
     baseline.push_back(s);
   }
   const auto twiddles = std::make_unique<Twiddles<256 * 512>>();
@@ -119,10 +102,9 @@ run_campaign(const M &m, const Family &family, const Plan &plan,
   }
   std::vector<double> stimulus(static_cast<std::size_t>(length));
   LineNoise line_noise;
-  const std::int64_t samples =
-      (o.settle + o.periods * plan.options.period) * plan.options.sections;
+  const std::int64_t samples = (o.settle + o.periods * plan.options.period) * plan.options.sections;
   for (std::size_t e = 0; e < plan.experiments.size(); ++e) {
-    const auto &multisine = plan.experiments[e];
+    const auto& multisine = plan.experiments[e];
     std::vector<int> lines;
     std::vector<Complex> u;
     for (int k = 0; k < multisine.tones(); ++k) {
@@ -133,39 +115,30 @@ run_campaign(const M &m, const Family &family, const Plan &plan,
     start.at = c.orbit.point[0];
     Rig<M, Family> rig(m, base, family, start, noise, o.seed + 1000003 * e);
     if (!multisine.fill(*twiddles, stimulus) ||
-        estimator->configure(plan.options.sections, plan.options.period, lines,
-                             o.harmonics) != Status::ok ||
+        estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
         estimator->set_baseline(baseline) != Status::ok) {
       c.id.worst = Status::failed;
       return campaign;
     }
     const std::size_t rows = record == nullptr ? 0 : record->rows();
-    const auto on_sample = [&](std::int64_t n, double input, const auto &y) {
-      if (record == nullptr)
-        return;
-      if (n == 0)
-        cut(*record, rows);
+    const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
+      if (record == nullptr) return;
+      if (n == 0) cut(*record, rows);
       record->experiment.push_back(static_cast<int>(e));
       record->cycle.push_back(static_cast<int>(n / plan.options.sections));
       record->section.push_back(static_cast<int>(n % plan.options.sections));
-      record->t.push_back(static_cast<double>(n) * c.period /
-                          plan.options.sections);
+      record->t.push_back(static_cast<double>(n) * c.period / plan.options.sections);
       record->inputs[0].values.push_back(input);
-      for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i)
-        record->outputs[i].values.push_back(y[i]);
+      for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i) record->outputs[i].values.push_back(y[i]);
     };
     const Status s =
-        play(static_cast<std::int32_t>(e), rig,
-             std::span<const double>(stimulus), std::span<const Complex>(u),
-             samples, o.settle * plan.options.sections, *estimator, on_sample);
+        play(static_cast<std::int32_t>(e), rig, std::span<const double>(stimulus), std::span<const Complex>(u), samples,
+             o.settle * plan.options.sections, *estimator, on_sample);
     c.id.worst = worse(c.id.worst, s);
-    if (!usable(s))
-      return campaign;
+    if (!usable(s)) return campaign;
     c.id.samples += o.periods * length;
     collect(*estimator, u, 0, ny, c.id, line_noise);
-    if (progress)
-      progress(static_cast<double>(e + 1) /
-               static_cast<double>(plan.experiments.size()));
+    if (progress) progress(static_cast<double>(e + 1) / static_cast<double>(plan.experiments.size()));
   }
   finish(c.id, line_noise);
   return campaign;
@@ -173,18 +146,13 @@ run_campaign(const M &m, const Family &family, const Plan &plan,
 
 // The same with a rig in this process.
 template <class M, class Family>
-std::unique_ptr<Campaign<M>>
-run_campaign(const M &m, const Family &family, const Plan &plan,
-             const CampaignOptions &o, Record *record,
-             const std::function<void(double)> &progress) {
-  return run_campaign(
-      m, family, plan, o, record, progress,
-      [](std::int32_t, auto &rig, std::span<const double> stimulus,
-         std::span<const Complex>, std::int64_t samples, std::int64_t settle,
-         auto &estimator, const auto &on_sample) {
-        return run_experiment(rig, stimulus, samples, settle, estimator,
-                              on_sample);
-      });
+std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
+                                          Record* record, const std::function<void(double)>& progress) {
+  return run_campaign(m, family, plan, o, record, progress,
+                      [](std::int32_t, auto& rig, std::span<const double> stimulus, std::span<const Complex>,
+                         std::int64_t samples, std::int64_t settle, auto& estimator, const auto& on_sample) {
+                        return run_experiment(rig, stimulus, samples, settle, estimator, on_sample);
+                      });
 }
 
-} // namespace saltus
+}  // namespace saltus

@@ -1,5 +1,4 @@
-// saltus identify MODEL: drives a machine, or reads a record of one, and
-// identifies its harmonic transfer functions.
+// saltus identify MODEL: drives a machine, or reads a record of one, and identifies its harmonic transfer functions.
 #include "identify.hpp"
 
 #include <cmath>
@@ -13,96 +12,77 @@
 namespace saltus::program {
 namespace {
 
-// The channels of a record must be the model's, by name: a swapped or foreign
-// column is not guessed at.
-template <class M> void match_channels(const Record &record) {
-  const auto names = [](const auto &channels) {
+// The channels of a record must be the model's, by name: a swapped or foreign column is not guessed at.
+template <class M>
+void match_channels(const Record& record) {
+  const auto names = [](const auto& channels) {
     std::string s;
-    for (const auto &c : channels)
-      s += (s.empty() ? "" : ", ") + std::string(c.name);
+    for (const auto& c : channels) s += (s.empty() ? "" : ", ") + std::string(c.name);
     return s;
   };
   if (!record.model.empty() && record.model != M::name) {
-    throw RecordError(record.name,
-                      "it is a record of the model '" + record.model +
-                          "', not of " + std::string(M::name),
+    throw RecordError(record.name, "it is a record of the model '" + record.model + "', not of " + std::string(M::name),
                       "name that model on the command line");
   }
-  const auto same = [&](const auto &a, const auto &b) {
-    if (a.size() != b.size())
-      return false;
+  const auto same = [&](const auto& a, const auto& b) {
+    if (a.size() != b.size()) return false;
     for (std::size_t i = 0; i < a.size(); ++i) {
-      if (std::string_view(a[i].name) != b[i].name)
-        return false;
-      if (a[i].unit.empty() || std::string_view(a[i].unit) == b[i].unit)
-        continue;
+      if (std::string_view(a[i].name) != b[i].name) return false;
+      if (a[i].unit.empty() || std::string_view(a[i].unit) == b[i].unit) continue;
       throw RecordError(
           record.name,
-          a[i].name + " is in " + a[i].unit + "; " + std::string(M::name) +
-              " has it in " + std::string(b[i].unit),
+          a[i].name + " is in " + a[i].unit + "; " + std::string(M::name) + " has it in " + std::string(b[i].unit),
           "convert the column and correct its unit in the header");
     }
     return true;
   };
   if (!same(record.inputs, M::inputs)) {
-    throw RecordError(record.name,
-                      "its inputs are " + names(record.inputs) + "; those of " +
-                          std::string(M::name) + " are " + names(M::inputs),
-                      "correct the line `# inputs`");
+    throw RecordError(
+        record.name,
+        "its inputs are " + names(record.inputs) + "; those of " + std::string(M::name) + " are " + names(M::inputs),
+        "correct the line `# inputs`");
   }
   if (!same(record.outputs, M::outputs)) {
-    throw RecordError(record.name,
-                      "its outputs are " + names(record.outputs) +
-                          "; those of " + std::string(M::name) + " are " +
-                          names(M::outputs),
-                      "correct the line `# outputs`");
+    throw RecordError(
+        record.name,
+        "its outputs are " + names(record.outputs) + "; those of " + std::string(M::name) + " are " + names(M::outputs),
+        "correct the line `# outputs`");
   }
 }
 
 // A clock that turns in another time than the model's is another machine's.
-void match_period(const Record &record, double period) {
-  if (!record.cycle_period ||
-      std::abs(*record.cycle_period - period) <= 1e-3 * period)
-    return;
-  throw RecordError(record.name,
-                    "its clock turns in " + number(*record.cycle_period) +
-                        " s, the model's in " + number(period) + " s",
-                    "set the model's clock rate, --set omega=" +
-                        number(2.0 * std::numbers::pi / *record.cycle_period) +
-                        ", or correct `# cycle-period-s`");
+void match_period(const Record& record, double period) {
+  if (!record.cycle_period || std::abs(*record.cycle_period - period) <= 1e-3 * period) return;
+  throw RecordError(
+      record.name, "its clock turns in " + number(*record.cycle_period) + " s, the model's in " + number(period) + " s",
+      "set the model's clock rate, --set omega=" + number(2.0 * std::numbers::pi / *record.cycle_period) +
+          ", or correct `# cycle-period-s`");
 }
 
 // A record is a CSV file or an LCM event log.
-template <class M> Record read_any_record(const std::string &file) {
-  if (!is_event_log(file))
-    return read_record(std::filesystem::path(file));
+template <class M>
+Record read_any_record(const std::string& file) {
+  if (!is_event_log(file)) return read_record(std::filesystem::path(file));
   std::vector<Channel> inputs, outputs;
-  for (const Quantity &q : M::inputs)
-    inputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  for (const Quantity &q : M::outputs)
-    outputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : M::inputs) inputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : M::outputs) outputs.push_back({std::string(q.name), std::string(q.unit), {}});
   return record_of(LoggedRun(file), inputs, outputs);
 }
 
 // Drives a machine over LCM, or replays the log of one.
 template <class M, class Family>
-Identified identify_far(const M &m, const Family &family,
-                        const IdentifyOptions &o, const Plan &plan,
-                        Record *record) {
+Identified identify_far(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record) {
   constexpr int nu = input_count<M>, ny = output_count<M>;
   Presence me = presence_of(Role::experimenter, "identify", M::name, o.link);
   me.sections = plan.options.sections;
   me.cycle_period = timebase_of(m, o.model.ticks).period;
   me.stimulus_period = plan.options.period;
   me.settle = static_cast<std::int32_t>(o.campaign.settle);
-  const auto drive = [&](auto &machine) {
-    const auto play = [&](std::int32_t e, auto &, auto &&...how) {
-      return machine.play(e, how...);
-    };
+  const auto drive = [&](auto& machine) {
+    const auto play = [&](std::int32_t e, auto&, auto&&... how) { return machine.play(e, how...); };
     Identified r = identify_rig(m, family, o, plan, record, play);
     machine.finish();
-    for (std::string &note : machine.notes())
-      r.id.notes.push_back(std::move(note));
+    for (std::string& note : machine.notes()) r.id.notes.push_back(std::move(note));
     return r;
   };
   if (o.link.replay()) {
@@ -115,32 +95,28 @@ Identified identify_far(const M &m, const Family &family,
   return drive(*machine);
 }
 
-// FNV-1a over the bits of every H_m: equal where two runs agree to the last
-// bit.
-std::string hash_of(const Identification &id) {
+// FNV-1a over the bits of every H_m: equal where two runs agree to the last bit.
+std::string hash_of(const Identification& id) {
   std::uint64_t hash = 0xcbf29ce484222325;
   const auto add = [&](double x) {
-    for (auto bits = std::bit_cast<std::uint64_t>(x), i = std::uint64_t{0};
-         i < 8; ++i, bits >>= 8) {
+    for (auto bits = std::bit_cast<std::uint64_t>(x), i = std::uint64_t{0}; i < 8; ++i, bits >>= 8) {
       hash = (hash ^ (bits & 0xff)) * 0x100000001b3;
     }
   };
-  for (const HtfEstimate &h : id.htf) {
+  for (const HtfEstimate& h : id.htf) {
     add(h.value.real());
     add(h.value.imag());
   }
   char text[17];
-  std::snprintf(text, sizeof text, "%016llx",
-                static_cast<unsigned long long>(hash));
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
   return text;
 }
 
 template <class M>
-void run_record(const M &m, const IdentifyOptions &o, bool quiet) {
+void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
   const Record record = read_any_record<M>(o.record);
   match_channels<M>(record);
-  if constexpr (clocked<M>)
-    match_period(record, timebase_of(m, o.model.ticks).period);
+  if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
   Identified r;
   r.sections = "clock";
   r.title = "isochrons";
@@ -148,21 +124,17 @@ void run_record(const M &m, const IdentifyOptions &o, bool quiet) {
   r.id = identify_record(record, o.campaign.harmonics);
   if constexpr (clocked<M>) {
     const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
-    const auto orbit = find_orbit<sections_per_cycle>(
-        m, timebase_of(m, o.model.ticks), ClockPhases{sections_per_cycle},
-        *system);
+    const auto orbit =
+        find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), ClockPhases{sections_per_cycle}, *system);
     if (orbit.status == Status::ok) {
       compare<M>(r, *system);
     } else {
-      r.id.notes.push_back("the model has no limit cycle to compare with (" +
-                           std::string(name(orbit.status)) + ")");
+      r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
     }
   }
   if (!quiet) {
-    std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; "
-                "%lld samples used, %lld missing\n",
-                o.record.c_str(), record.rows(), r.id.sections, r.id.period,
-                static_cast<long long>(r.id.samples),
+    std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; %lld samples used, %lld missing\n",
+                o.record.c_str(), record.rows(), r.id.sections, r.id.period, static_cast<long long>(r.id.samples),
                 static_cast<long long>(r.id.missing));
     print_notes(r);
     print_standard_errors(r);
@@ -171,17 +143,13 @@ void run_record(const M &m, const IdentifyOptions &o, bool quiet) {
   nlohmann::json json = json_of(r);
   json["model"] = M::name;
   json["record"] = o.record;
-  if (!o.pictures.empty())
-    write_pictures(o.pictures, panels_of(r), quiet);
-  if (!o.csv.empty())
-    write_text(o.csv, csv_of(r));
-  if (!o.json.empty())
-    write_json(o.json, json);
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r), quiet);
+  if (!o.csv.empty()) write_text(o.csv, csv_of(r));
+  if (!o.json.empty()) write_json(o.json, json);
 }
 
-Record new_record(std::string_view model, const Plan &plan,
-                  const IdentifyOptions &o, double period, const auto &inputs,
-                  const auto &outputs) {
+Record new_record(std::string_view model, const Plan& plan, const IdentifyOptions& o, double period, const auto& inputs,
+                  const auto& outputs) {
   Record r;
   r.model = model;
   r.sections = "clock";
@@ -189,143 +157,105 @@ Record new_record(std::string_view model, const Plan &plan,
   r.cycle_period = period;
   r.stimulus_period_cycles = plan.options.period;
   r.settle_cycles = static_cast<int>(o.campaign.settle);
-  for (const Quantity &q : inputs)
-    r.inputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  for (const Quantity &q : outputs)
-    r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : inputs) r.inputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
   return r;
 }
 
 template <class M>
-void run_rig(const M &m, const IdentifyOptions &o, bool quiet) {
+void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   const bool paper = o.protocol == "paper";
   Plan plan;
   try {
     plan = make_plan(o.plan);
-  } catch (const std::invalid_argument &e) {
+  } catch (const std::invalid_argument& e) {
     throw UsageError(e.what());
   }
   if (!quiet) {
-    std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = "
-                "%g, %g %s a tone%s\n",
-                std::string(M::name).c_str(), plan.experiments.size(),
-                static_cast<long long>(o.campaign.settle),
-                static_cast<long long>(o.campaign.periods * o.plan.period),
-                plan.lines(), o.plan.band, o.plan.amplitude,
-                std::string(M::inputs[0].unit).c_str(),
-                o.plan.opposed ? ", each also with its sign reversed" : "");
+    std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = %g, %g %s a tone%s\n",
+                std::string(M::name).c_str(), plan.experiments.size(), static_cast<long long>(o.campaign.settle),
+                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines(), o.plan.band, o.plan.amplitude,
+                std::string(M::inputs[0].unit).c_str(), o.plan.opposed ? ", each also with its sign reversed" : "");
   }
   std::vector<Identified> families;
   std::vector<HtfPanel> panels;
   nlohmann::json json = nlohmann::json::array();
-  Record record =
-      new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period,
-                 M::inputs, M::outputs);
-  o.sections.visit<M>([&](const auto &family) {
-    Record *const saved = o.save.empty() ? nullptr : &record;
-    const Identified r = o.link.inproc()
-                             ? identify_rig(m, family, o, plan, saved)
-                             : identify_far(m, family, o, plan, saved);
+  Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
+  o.sections.visit<M>([&](const auto& family) {
+    Record* const saved = o.save.empty() ? nullptr : &record;
+    const Identified r =
+        o.link.inproc() ? identify_rig(m, family, o, plan, saved) : identify_far(m, family, o, plan, saved);
     if (!quiet) {
       std::printf("%s\n", r.title.c_str());
       print_notes(r);
       print_errors(r);
-      if (!o.campaign.noise.empty())
-        print_standard_errors(r);
+      if (!o.campaign.noise.empty()) print_standard_errors(r);
       print_multipliers(r);
     }
     nlohmann::json j = json_of(r);
     j["htf_hash"] = hash_of(r.id);
     j["model"] = M::name;
     json.push_back(j);
-    for (const HtfPanel &p : panels_of(r))
-      panels.push_back(p);
+    for (const HtfPanel& p : panels_of(r)) panels.push_back(p);
     families.push_back(r);
   });
-  if (!quiet && paper)
-    print_paper_table(families);
+  if (!quiet && paper) print_paper_table(families);
   // Nothing is written before everything is known.
-  if (!o.pictures.empty())
-    write_pictures(o.pictures, panels, quiet);
-  if (!o.save.empty())
-    write_record(std::filesystem::path(o.save), record);
-  for (const Identified &r : families) {
-    if (o.csv.empty())
-      break;
-    write_text(&r == &families.front() ? o.csv : beside(o.csv, r.sections),
-               csv_of(r));
+  if (!o.pictures.empty()) write_pictures(o.pictures, panels, quiet);
+  if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
+  for (const Identified& r : families) {
+    if (o.csv.empty()) break;
+    write_text(&r == &families.front() ? o.csv : beside(o.csv, r.sections), csv_of(r));
   }
-  if (!o.json.empty())
-    write_json(o.json, json.size() == 1 ? json[0] : json);
+  if (!o.json.empty()) write_json(o.json, json.size() == 1 ? json[0] : json);
 }
 
-// With --record the machine has been driven already: what would drive it does
-// not apply.
-void check_record_options(const CLI::App &command) {
-  for (const char *option :
-       {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic",
-        "--period", "--band", "--amplitude", "--seed", "--subsets", "--settle",
-        "--periods", "--noise", "--save"}) {
-    if (command.count(option) == 0)
-      continue;
-    throw UsageError(std::string(option) +
-                     ": it says how to drive a machine, and --record reads "
-                     "what was driven; " +
+// With --record the machine has been driven already: what would drive it does not apply.
+void check_record_options(const CLI::App& command) {
+  for (const char* option :
+       {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
+        "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
+    if (command.count(option) == 0) continue;
+    throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");
   }
 }
 
-void run(const IdentifyOptions &given, const CLI::App &command) {
+void run(const IdentifyOptions& given, const CLI::App& command) {
   IdentifyOptions o = given;
   // What the protocol stands for, unless said otherwise.
-  const auto untouched = [&](const char *option) {
-    return command.count(option) == 0;
-  };
+  const auto untouched = [&](const char* option) { return command.count(option) == 0; };
   if (o.protocol == "paper") {
-    if (untouched("--sections"))
-      o.sections.family = "both";
-    if (untouched("--subsets"))
-      o.plan.subsets = 80;
-    if (untouched("--settle"))
-      o.campaign.settle = 20;
+    if (untouched("--sections")) o.sections.family = "both";
+    if (untouched("--subsets")) o.plan.subsets = 80;
+    if (untouched("--settle")) o.campaign.settle = 20;
   } else if (untouched("--subsets")) {
     o.plan.opposed = true;
   }
-  if (!o.record.empty())
-    check_record_options(command);
-  const bool quiet =
-      check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--save", o.save}});
+  if (!o.record.empty()) check_record_options(command);
+  const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--save", o.save}});
   if (o.csv == "-" && o.sections.family == "both") {
-    throw UsageError("--csv -: there is one table for each family of sections; "
-                     "name a file, or choose --sections");
+    throw UsageError("--csv -: there is one table for each family of sections; name a file, or choose --sections");
   }
   if (!o.save.empty() && (o.save == "-" || o.sections.family != "clock")) {
-    throw UsageError("--save: name a file, and use --sections clock, for a "
-                     "record is paced by the clock");
+    throw UsageError("--save: name a file, and use --sections clock, for a record is paced by the clock");
   }
   for (const double sigma : o.campaign.noise) {
     if (!(sigma >= 0.0) || !std::isfinite(sigma)) {
-      throw UsageError("--noise " + number(sigma) +
-                       ": a standard deviation is a finite number, 0 or above");
+      throw UsageError("--noise " + number(sigma) + ": a standard deviation is a finite number, 0 or above");
     }
   }
   o.campaign.ticks = o.model.ticks;
   o.campaign.seed = o.plan.seed;
-  if (untouched("--periods") && !o.campaign.noise.empty())
-    o.campaign.periods = 4;
+  if (untouched("--periods") && !o.campaign.noise.empty()) o.campaign.periods = 4;
   if (!o.link.inproc() && o.sections.family == "both") {
-    throw UsageError(
-        "--link " + o.link.url +
-        ": the machine keeps one family of sections; add --sections clock");
+    throw UsageError("--link " + o.link.url + ": the machine keeps one family of sections; add --sections clock");
   }
   with_model(o.model, [&](auto m) {
     using M = decltype(m);
     if constexpr (input_count<M> == 1) {
-      if (!o.campaign.noise.empty() &&
-          o.campaign.noise.size() !=
-              static_cast<std::size_t>(output_count<M>)) {
-        throw UsageError("--noise: " + std::string(M::name) + " has " +
-                         std::to_string(output_count<M>) +
+      if (!o.campaign.noise.empty() && o.campaign.noise.size() != static_cast<std::size_t>(output_count<M>)) {
+        throw UsageError("--noise: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
                          " outputs; give one number for each");
       }
       if (o.record.empty()) {
@@ -334,21 +264,18 @@ void run(const IdentifyOptions &given, const CLI::App &command) {
         run_record(m, o, quiet);
       }
     } else {
-      throw RunError(std::string(M::name) +
-                     " has no input to drive; choose a model that has one");
+      throw RunError(std::string(M::name) + " has no input to drive; choose a model that has one");
     }
   });
 }
 
-} // namespace
+}  // namespace
 
-void add_identify(CLI::App &app) {
-  auto *command = app.add_subcommand(
-      "identify", "Drive a machine or read its record; identify its harmonic "
-                  "transfer functions");
+void add_identify(CLI::App& app) {
+  auto* command =
+      app.add_subcommand("identify", "Drive a machine or read its record; identify its harmonic transfer functions");
   command->footer(
-      "sigma in the CSV file is sqrt(E|error|^2) of the complex value; its "
-      "real and imaginary parts each have sigma / "
+      "sigma in the CSV file is sqrt(E|error|^2) of the complex value; its real and imaginary parts each have sigma / "
       "sqrt(2).\n"
       "Examples: saltus identify hopper --protocol paper --pictures out\n"
       "          saltus identify hopper --noise 0.001,0.006 --save run.csv\n"
@@ -356,45 +283,33 @@ void add_identify(CLI::App &app) {
       "          saltus identify hopper --link udpm:// --log run.lcm");
   auto o = std::make_shared<IdentifyOptions>();
   o->model.add_to(*command);
-  command
-      ->add_option("--record", o->record,
-                   "read a measured record instead of driving a machine")
-      ->type_name("FILE");
+  command->add_option("--record", o->record, "read a measured record instead of driving a machine")->type_name("FILE");
   command
       ->add_option("--link", o->link.url,
-                   "the machine: inproc, an emulated one in this process; "
-                   "udpm://[GROUP:PORT][?ttl=N], one over LCM; "
+                   "the machine: inproc, an emulated one in this process; udpm://[GROUP:PORT][?ttl=N], one over LCM; "
                    "file://LOG, the log of one")
       ->capture_default_str();
   o->link.add_to(*command);
-  command
-      ->add_option("--patience", o->link.patience,
-                   "seconds to wait for the machine")
+  command->add_option("--patience", o->link.patience, "seconds to wait for the machine")
       ->check(CLI::Range(0.1, 86400.0))
       ->capture_default_str();
   command
       ->add_option("--protocol", o->protocol,
-                   "optimal: the fewest experiments, each played with both "
-                   "signs; paper: 80 random subsets, 20 of 84 "
+                   "optimal: the fewest experiments, each played with both signs; paper: 80 random subsets, 20 of 84 "
                    "cycles dropped, "
                    "both phases")
       ->check(CLI::IsMember({"optimal", "paper"}))
       ->capture_default_str();
   o->sections.add_to(*command, true);
   add_plan_options(*command, o->plan);
-  command
-      ->add_option("--subsets", o->plan.subsets,
-                   "deal the lines at random into so many experiments")
+  command->add_option("--subsets", o->plan.subsets, "deal the lines at random into so many experiments")
       ->check(CLI::Range(1, 4096));
-  command
-      ->add_option("--settle", o->campaign.settle,
-                   "cycles played before listening")
+  command->add_option("--settle", o->campaign.settle, "cycles played before listening")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
   command
       ->add_option("--periods", o->campaign.periods,
-                   "stimulus periods listened to; with noise at least 2 "
-                   "(default then: 4)")
+                   "stimulus periods listened to; with noise at least 2 (default then: 4)")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
   command->add_option("--harmonics", o->campaign.harmonics, "H_-K ... H_K")
@@ -403,25 +318,14 @@ void add_identify(CLI::App &app) {
       ->capture_default_str();
   command
       ->add_option("--noise", o->campaign.noise,
-                   "standard deviation of each output of the emulated machine, "
-                   "in its unit")
+                   "standard deviation of each output of the emulated machine, in its unit")
       ->delimiter(',');
-  command->add_option("--save", o->save, "write the experiment as a record")
+  command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
+  command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
       ->type_name("FILE");
-  command
-      ->add_option(
-          "--csv", o->csv,
-          "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
-      ->type_name("FILE");
-  command
-      ->add_option("--json", o->json,
-                   "write JSON to FILE, - for standard output")
-      ->type_name("FILE");
-  command
-      ->add_option("--pictures", o->pictures,
-                   "draw htf.svg and fit.svg into FOLDER")
-      ->type_name("FOLDER");
+  command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
+  command->add_option("--pictures", o->pictures, "draw htf.svg and fit.svg into FOLDER")->type_name("FOLDER");
   command->callback([o, command] { run(*o, *command); });
 }
 
-} // namespace saltus::program
+}  // namespace saltus::program

@@ -1,5 +1,4 @@
-// What `saltus identify` makes of one campaign or record, for its tables, files
-// and pictures, and for `saltus demo`.
+// What `saltus identify` makes of one campaign or record, for its tables, files and pictures, and for `saltus demo`.
 #pragma once
 
 #include <cstdio>
@@ -27,102 +26,87 @@ struct IdentifyOptions {
 
 // The identification with the model beside it.
 struct Identified {
-  std::string sections; // "clock", "kinematic"
-  std::string title;    // "isochrons", "kinematic phase"
+  std::string sections;  // "clock", "kinematic"
+  std::string title;     // "isochrons", "kinematic phase"
   std::vector<std::string> outputs, output_units;
   std::string input_unit;
   Identification id;
   bool has_exact = false;
-  std::vector<Complex> exact; // of the linearised model, beside id.htf
-  std::vector<Complex>
-      model_multipliers;           // non-zero ones of the model's return map
-  std::vector<MultiplierFit> fits; // of each output: two poles, then image
-                                   // poles where the lines suffice
+  std::vector<Complex> exact;              // of the linearised model, beside id.htf
+  std::vector<Complex> model_multipliers;  // non-zero ones of the model's return map
+  std::vector<MultiplierFit> fits;         // of each output: two poles, then image poles where the lines suffice
   MultiplierFit best;
 
-  // Norms over the lines, root of the sum of squares: of H_m exact, of H_m
-  // identified, of their difference.
+  // Norms over the lines, root of the sum of squares: of H_m exact, of H_m identified, of their difference.
   struct Norms {
-    double exact = 0.0, identified = 0.0, error = 0.0, worst = 0.0,
-           largest = 0.0, largest_f = 0.0;
+    double exact = 0.0, identified = 0.0, error = 0.0, worst = 0.0, largest = 0.0, largest_f = 0.0;
   };
   Norms norms(int m, int output) const;
 };
 
-std::vector<HtfPanel> panels_of(const Identified &id);
-std::string csv_of(const Identified &id);
-nlohmann::json json_of(const Identified &id);
-void print_notes(const Identified &id);
-void print_errors(const Identified &id);
-void print_multipliers(const Identified &id);
-void print_standard_errors(const Identified &id);
-void write_pictures(const std::string &folder,
-                    const std::vector<HtfPanel> &panels, bool quiet = false);
+std::vector<HtfPanel> panels_of(const Identified& id);
+std::string csv_of(const Identified& id);
+nlohmann::json json_of(const Identified& id);
+void print_notes(const Identified& id);
+void print_errors(const Identified& id);
+void print_multipliers(const Identified& id);
+void print_standard_errors(const Identified& id);
+void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels, bool quiet = false);
 // Figs. 3 and 4 of the paper as a table: paper, computed, identified.
-void print_paper_table(const std::vector<Identified> &families);
+void print_paper_table(const std::vector<Identified>& families);
 
-template <class M> void describe_channels(Identified &r) {
-  for (const Quantity &q : M::outputs) {
+template <class M>
+void describe_channels(Identified& r) {
+  for (const Quantity& q : M::outputs) {
     r.outputs.emplace_back(q.name);
     r.output_units.emplace_back(q.unit);
   }
   r.input_unit = M::inputs[0].unit;
 }
 
-// Fills in what the model says beside what was identified, and the multipliers
-// both ways.
+// Fills in what the model says beside what was identified, and the multipliers both ways.
 template <class M>
-void compare(Identified &r, const LdtpOf<M, sections_per_cycle> &system) {
+void compare(Identified& r, const LdtpOf<M, sections_per_cycle>& system) {
   r.has_exact = r.id.sections == sections_per_cycle;
   r.model_multipliers = nonzero_multipliers(system.monodromy(0));
   if (r.has_exact) {
     int line = -1;
     Harmonics<output_count<M>, 1, sections_per_cycle> h;
-    for (const HtfEstimate &e : r.id.htf) {
+    for (const HtfEstimate& e : r.id.htf) {
       if (e.line != line) {
         line = e.line;
-        h = htf(system, 2.0 * std::numbers::pi * line /
-                            (static_cast<double>(r.id.period) * r.id.sections));
+        h = htf(system, 2.0 * std::numbers::pi * line / (static_cast<double>(r.id.period) * r.id.sections));
       }
       r.exact.push_back(h(e.m)(e.output, 0));
     }
   }
   const int count = static_cast<int>(r.model_multipliers.size());
-  for (int c = 0; c < output_count<M>; ++c)
-    r.fits.push_back(fit_two_poles(r.id, c));
+  for (int c = 0; c < output_count<M>; ++c) r.fits.push_back(fit_two_poles(r.id, c));
   for (int c = 0; c < output_count<M>; ++c) {
     MultiplierFit fit = fit_image_poles(r.id, c, count);
-    if (usable(fit.status))
-      r.fits.push_back(fit);
+    if (usable(fit.status)) r.fits.push_back(fit);
   }
   r.best = best_multipliers(r.id, output_count<M>, count);
 }
 
-// Plays the plan to an emulated machine in this process, or to what is `given`
-// to run_campaign to play it to.
+// Plays the plan to an emulated machine in this process, or to what is `given` to run_campaign to play it to.
 template <class M, class Family, class... Play>
-Identified identify_rig(const M &m, const Family &family,
-                        const IdentifyOptions &o, const Plan &plan,
-                        Record *record, Play &&...given) {
+Identified identify_rig(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record,
+                        Play&&... given) {
   Progress progress(std::string(M::name) + ", " + title_of(family));
   const auto campaign = run_campaign(
-      m, family, plan, o.campaign, record,
-      [&](double fraction) { progress.at(fraction); }, given...);
+      m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
   if (campaign->orbit.status != Status::ok) {
     throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
   }
   if (!(campaign->decay < attracting)) {
     throw RunError(std::string(M::name) +
-                   ": its limit cycle does not attract, so that no experiment "
-                   "settles (a cycle " +
-                   "leaves " + number(campaign->decay) +
-                   " of a deviation); change --set");
+                   ": its limit cycle does not attract, so that no experiment settles (a cycle " + "leaves " +
+                   number(campaign->decay) + " of a deviation); change --set");
   }
   if (!usable(campaign->id.worst)) {
-    throw RunError(std::string(M::name) +
-                   ": the machine left its cycle during the campaign (" +
-                   std::string(name(campaign->id.worst)) +
-                   "); lower --amplitude");
+    throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign (" +
+                   std::string(name(campaign->id.worst)) + "); lower --amplitude");
   }
   Identified r;
   r.sections = name_of(family);
@@ -133,4 +117,4 @@ Identified identify_rig(const M &m, const Family &family,
   return r;
 }
 
-} // namespace saltus::program
+}  // namespace saltus::program
