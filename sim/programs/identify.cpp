@@ -143,6 +143,7 @@ void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
   nlohmann::json json = json_of(r);
   json["model"] = M::name;
   json["record"] = o.record;
+  if (o.confidence.wanted()) report_confidence(r, o.confidence, quiet, json);
   if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r), quiet);
   if (!o.csv.empty()) write_text(o.csv, csv_of(r));
   if (!o.json.empty()) write_json(o.json, json);
@@ -195,6 +196,11 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
     nlohmann::json j = json_of(r);
     j["htf_hash"] = hash_of(r.id);
     j["model"] = M::name;
+    if (o.confidence.wanted()) {
+      ConfidenceOptions confidence = o.confidence;
+      if (!families.empty() && !confidence.realise.empty()) confidence.realise = beside(confidence.realise, r.sections);
+      report_confidence(r, confidence, quiet, j);
+    }
     json.push_back(j);
     for (const HtfPanel& p : panels_of(r)) panels.push_back(p);
     families.push_back(r);
@@ -320,6 +326,7 @@ void add_identify(CLI::App& app) {
       ->add_option("--noise", o->campaign.noise,
                    "standard deviation of each output of the emulated machine, in its unit")
       ->delimiter(',');
+  o->confidence.add_to(*command);
   command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
   command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
       ->type_name("FILE");

@@ -9,6 +9,7 @@
 #include "../multipliers_from_htf.hpp"
 #include "../report/htf_figures.hpp"
 #include "link.hpp"
+#include "confidence.hpp"
 #include "plan_options.hpp"
 #include "sections.hpp"
 
@@ -19,6 +20,7 @@ struct IdentifyOptions {
   SectionChoice sections;
   PlanOptions plan;
   CampaignOptions campaign;
+  ConfidenceOptions confidence;
   LinkOptions link;
   std::string protocol = "optimal";
   std::string record, save, csv, json, pictures;

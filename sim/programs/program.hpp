@@ -31,6 +31,7 @@ void add_orbit(CLI::App& app);
 void add_htf(CLI::App& app);
 void add_design(CLI::App& app);
 void add_identify(CLI::App& app);
+void add_coverage(CLI::App& app);
 void add_diagnose(CLI::App& app);
 void add_rig(CLI::App& app);
 void add_demo(CLI::App& app);
