@@ -39,7 +39,9 @@ void check_writable(const std::string& path) {
   const fs::path target = target_of(path);
   std::error_code ignored;
   if (fs::is_directory(target, ignored)) refuse(path, "this is a folder");
-  const fs::path place = in_place(target) ? target : target.parent_path();
+  const bool direct = in_place(target);
+  if (!direct && !fs::is_directory(target.parent_path(), ignored)) refuse(path, "there is no such folder");
+  const fs::path place = direct ? target : target.parent_path();
   if (::access(place.c_str(), W_OK) != 0) refuse(path, std::strerror(errno));
 }
 
