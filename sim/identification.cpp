@@ -45,6 +45,9 @@ double LineNoise::variance(int output, double frequency, int sections) const {
       ++hi;
     }
   }
+  // All of a frequency or none: the order in which experiments come decides nothing.
+  while (lo > 0 && list[lo - 1].frequency == list[lo].frequency) --lo;
+  while (hi < list.size() && list[hi - 1].frequency == list[hi].frequency) ++hi;
   double sum = 0.0, freedom = 0.0;
   for (std::size_t i = lo; i < hi; ++i) {
     sum += list[i].sum;
