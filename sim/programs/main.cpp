@@ -19,6 +19,8 @@ int main(int argc, char** argv) {
   add_coverage(app);
   add_diagnose(app);
   add_rig(app);
+  add_log(app);
+  add_link_test(app);
   add_demo(app);
   try {
     const std::string first = argc > 1 ? argv[1] : "-";

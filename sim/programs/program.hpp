@@ -34,6 +34,8 @@ void add_identify(CLI::App& app);
 void add_coverage(CLI::App& app);
 void add_diagnose(CLI::App& app);
 void add_rig(CLI::App& app);
+void add_log(CLI::App& app);
+void add_link_test(CLI::App& app);
 void add_demo(CLI::App& app);
 
 // MODEL, --set NAME=VALUE ... and how finely to integrate.
