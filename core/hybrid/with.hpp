@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <string_view>
 #include <tuple>
+#include <type_traits>
 
 #include "model.hpp"
 
@@ -127,7 +128,7 @@ struct With {
     resting = 0;
     std::uint64_t bit = 1;
     each_effect([&](const auto& e) {
-      bool idle = true;
+      bool idle = saltus::parameter_count<std::remove_cvref_t<decltype(e)>> > 0;  // one without any always acts
       saltus::visit_parameters(e, [&](auto, auto, const S& v) { idle = idle && vanishes(v); });
       if (idle) resting |= bit;
       bit <<= 1;

@@ -170,6 +170,30 @@ TEST_CASE("with: parameters of the model and of its effects, in order") {
   CHECK(std::get<0>(lifted.effects).c.value == 0.7);
 }
 
+TEST_CASE("with: effects whose parameters vanish may rest, all others act") {
+  With m(Hopper<>{}, Damper<hopper::Leg>{}, Cubic<hopper::Leg>{}, Double<>{});
+  const Vec<5> acting = m.flow(hopper::Flight{}, flight, u);
+  m.rest_idle();
+  CHECK(m.resting == 0);
+  CHECK(m.flow(hopper::Flight{}, flight, u) == acting);
+  std::get<0>(m.effects).c = 0.0;
+  m.rest_idle();
+  CHECK(m.resting == 1);
+  CHECK(m.flow(hopper::Flight{}, flight, u) ==
+        With(Hopper<>{}, Cubic<hopper::Leg>{}, Double<>{}).flow(hopper::Flight{}, flight, u));
+  // Over dual numbers a parameter of zero acts as long as its derivative is asked for.
+  auto lifted = lift_parameters<10>(m, 0);
+  lifted.rest_idle();
+  CHECK(lifted.resting == 0);
+  auto constant = lift<Dual<10>>(m);
+  constant.rest_idle();
+  CHECK(constant.resting == 1);
+  // Woken again.
+  std::get<0>(m.effects).c = 0.3;
+  m.rest_idle();
+  CHECK(m.flow(hopper::Flight{}, flight, u) == acting);
+}
+
 TEST_CASE("with: no effect at all is the model itself") {
   using Bare = With<Hopper<>>;
   const Bare m;
