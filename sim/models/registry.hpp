@@ -4,11 +4,16 @@
 #include <string>
 #include <string_view>
 
+#include "bouncing_ball.hpp"
+#include "compass_gait.hpp"
 #include "hopper.hpp"
+#include "kneed_biped.hpp"
+#include "simplest_walker.hpp"
+#include "zero_rank.hpp"
 
 namespace saltus {
 
-using KnownModels = List<Hopper<>>;
+using KnownModels = List<Hopper<>, ZeroRank<>, KneedBiped<>, CompassGait<>, SimplestWalker<>, BouncingBall<>>;
 
 // Calls f(M{}) for the model of that name; false when there is none.
 template <class F>

@@ -1,0 +1,67 @@
+// Point masses on straight links that turn about one pivot, in a plane: mass i stands at sum_j c_ij (sin q_j, cos q_j),
+// q_j the angle of link j from the vertical. Its dynamics needs two sums only, A = sum m c c^T and B = sum m c:
+//   sum_k A_jk (cos(q_j - q_k) q_k'' + sin(q_j - q_k) q_k'^2) = g B_j sin(q_j + slope) + torque_j
+// Mirror-symmetric: the same with all angles counted the other way round.
+#pragma once
+
+#include <Eigen/LU>
+
+#include "core/scalar.hpp"
+
+namespace saltus {
+
+template <int N, class S>
+struct Linkage {
+  static_assert(N <= 4, "the inverse of a mass matrix is by cofactors");
+  Mat<N, N, S> A = Mat<N, N, S>::Constant(S(0.0));  // [kg m^2]
+  Vec<N, S> B = Vec<N, S>::Constant(S(0.0));        // [kg m]
+
+  // A mass [kg] at distances c [m] along the links.
+  void add(const S& mass, const Vec<N, S>& c) noexcept {
+    for (int j = 0; j < N; ++j) {
+      const S moment = mass * c[j];
+      B[j] += moment;
+      for (int k = 0; k < N; ++k) A(j, k) += moment * c[k];
+    }
+  }
+
+  // Mass matrix at angles q [rad]: the kinetic energy is v^T M v / 2.
+  Mat<N, N, S> mass(const Vec<N, S>& q) const noexcept {
+    Mat<N, N, S> r;
+    for (int j = 0; j < N; ++j) {
+      r(j, j) = A(j, j);
+      for (int k = 0; k < j; ++k) r(j, k) = r(k, j) = A(j, k) * cos(q[j] - q[k]);
+    }
+    return r;
+  }
+  Mat<N, N, S> mass_inverse(const Vec<N, S>& q) const noexcept { return mass(q).inverse(); }
+
+  // q'' [rad/s^2] without torques.
+  Vec<N, S> acceleration(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
+    Vec<N, S> torque;
+    for (int j = 0; j < N; ++j) {
+      torque[j] = g * B[j] * sin(q[j] + slope);
+      for (int k = 0; k < N; ++k) {
+        if (k != j) torque[j] -= A(j, k) * sin(q[j] - q[k]) * v[k] * v[k];
+      }
+    }
+    return mass_inverse(q) * torque;
+  }
+
+  // Rates after a plastic impact that stops the pivot, which came along at (px, py) [m/s] with the links turning at w:
+  // the moment of momentum of every link about its joint is kept.
+  Vec<N, S> stopped(const Vec<N, S>& q, const Vec<N, S>& w, const S& px, const S& py) const noexcept {
+    Vec<N, S> moment;
+    for (int j = 0; j < N; ++j) moment[j] = B[j] * (cos(q[j]) * px - sin(q[j]) * py);
+    return w + mass_inverse(q) * moment;
+  }
+
+  // [J], the potential counted from the pivot.
+  S energy(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
+    S e = 0.5 * v.dot(mass(q) * v);
+    for (int j = 0; j < N; ++j) e += g * B[j] * cos(q[j] + slope);
+    return e;
+  }
+};
+
+}  // namespace saltus
