@@ -24,6 +24,14 @@ struct Cubic {
   }
 };
 
+// A force at a port that turns with the clock.
+template <class Port, class S = double>
+struct Shaker {
+  S f = 0.5;  // [N]
+  static constexpr auto parameters() { return std::array{Parameter{"f", "N", &Shaker::f}}; }
+  S force(Port, const S&, const S&, const S& clock) const noexcept { return f * sin(clock); }
+};
+
 // A wind on the hopper's upper mass, in flight only: an effect on one chart's rate.
 template <class S = double>
 struct Wind {
@@ -52,6 +60,18 @@ struct LossyTouchdown {
   static constexpr auto parameters() { return std::array{Parameter{"loss", "-", &LossyTouchdown::loss}}; }
   Vec<3, S> reset(hopper::Touchdown, const Vec<5, S>& before, const Vec<3, S>& after, const Vec<1, S>&) const noexcept {
     return {after[0], after[1] - loss * before[1], after[2]};
+  }
+};
+
+// Touchdown brings the hopper's body to the speed that its weight would give it in a tenth of a second: an effect that
+// asks the model.
+template <class S = double>
+struct Arrest {
+  S share = 1.0;  // [-]
+  static constexpr auto parameters() { return std::array{Parameter{"share", "-", &Arrest::share}}; }
+  Vec<3, S> reset(const Hopper<S>& m, hopper::Touchdown, const Vec<5, S>&, const Vec<3, S>& after,
+                  const Vec<1, S>&) const noexcept {
+    return {after[0], -0.1 * share * m.g, after[2]};
   }
 };
 

@@ -1,6 +1,6 @@
 #include "core/hybrid/with.hpp"
 
-#include <random>
+#include <cmath>
 #include <string>
 
 #include "core/flow/advance.hpp"
@@ -106,6 +106,21 @@ TEST_CASE("with: effects on a chart, a guard, a reset, the input and the output"
     const double wind = 0.4 * (1.0 + 0.1 * flight[1] + u[0]);
     CHECK(std::abs(m.flow(hopper::Flight{}, flight, u)[1] - plain.flow(hopper::Flight{}, flight, u)[1] - wind) < 1e-15);
     CHECK(m.flow(hopper::Stance{}, stance, u) == plain.flow(hopper::Stance{}, stance, u));
+  }
+  SECTION("force that knows the clock, in the flow and in the guard that it passes through") {
+    const With m(plain, Shaker<hopper::Leg>{});
+    const double air = 0.5 * std::sin(flight[2]);
+    Vec<5> expected = plain.flow(hopper::Flight{}, flight, u);
+    expected[1] += air / plain.M;
+    expected[4] -= air / plain.m;
+    CHECK((m.flow(hopper::Flight{}, flight, u) - expected).norm() < 1e-14);
+    const double ground = 0.5 * std::sin(stance[2]);
+    CHECK(std::abs(m.guard(hopper::Liftoff{}, stance, u) - plain.guard(hopper::Liftoff{}, stance, u) - ground) < 1e-14);
+  }
+  SECTION("reset that asks the model") {
+    const With m(plain, Arrest<>{});
+    CHECK(m.reset(hopper::Touchdown{}, flight, u) == Vec<3>(flight[0], -0.1 * plain.g, flight[2]));
+    CHECK(m.reset(hopper::Liftoff{}, stance, u) == plain.reset(hopper::Liftoff{}, stance, u));
   }
   SECTION("guard and reset, each of one edge") {
     const With m(plain, DeepGround<>{});
