@@ -18,12 +18,15 @@ namespace {
 
 using File = std::unique_ptr<std::FILE, int (*)(std::FILE*)>;
 
-// In gnuplot's single quotes nothing but the quote itself has a meaning.
+// In gnuplot's single quotes nothing but the quote itself has a meaning: it becomes an apostrophe.
 std::string quoted(const std::string& text) {
   std::string r = "'";
   for (const char c : text) {
-    if (c == '\'') r += '\'';
-    r += c == '\n' ? ' ' : c;
+    if (c == '\'') {
+      r += "\xE2\x80\x99";
+    } else {
+      r += c == '\n' ? ' ' : c;
+    }
   }
   return r + "'";
 }
@@ -82,6 +85,7 @@ std::string Figure::svg() const {
   if (!script) throw std::runtime_error("no room for a temporary file; mend TMPDIR");
   std::FILE* const out = script.get();
   std::fprintf(out,
+               "set encoding utf8\n"
                "set terminal svg size %d,%d dynamic enhanced font 'DejaVu Sans,12' background rgb 'white'\n"
                "set multiplot layout %d,%d\n",
                width, height, rows, columns);
