@@ -149,7 +149,8 @@ double Evidence::cosine(Eigen::Index i, Eigen::Index j) const {
   return n > 0.0 ? information(i, j) / n : 0.0;
 }
 
-Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates) {
+Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
+                  double tolerances) {
   const Data& data = *p.data;
   const Signatures s = signatures(p, segments, f, candidates);
   const auto n = static_cast<Eigen::Index>(s.candidates.size());
@@ -165,7 +166,7 @@ Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit&
   for (Eigen::Index i = 0; i < m; ++i) {
     const auto k = static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(i)]);
     if (k >= p.tolerance.size() || !(p.tolerance[k] > 0.0)) continue;
-    prior[i] = 1.0 / (p.tolerance[k] * p.tolerance[k]);
+    prior[i] = 1.0 / (p.tolerance[k] * p.tolerance[k] * tolerances * tolerances);
     off[i] = prior[i] * (f.values[k] - p.machine->coefficients[k].nominal);
   }
   // Scaled so that coefficients of any unit invert alike.

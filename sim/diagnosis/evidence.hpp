@@ -31,6 +31,8 @@ struct Evidence {
   double cosine(Eigen::Index i, Eigen::Index j) const;
   bool usable(Eigen::Index i) const { return identified[i] > 0.1 && error[i] > 0.0; }
 };
-Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates);
+// `tolerances`: by what factor the declared tolerances are widened; large: what the data alone say.
+Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
+                  double tolerances = 1.0);
 
 }  // namespace saltus::diagnosis

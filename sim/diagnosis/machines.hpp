@@ -6,5 +6,6 @@
 namespace saltus::diagnosis {
 
 std::unique_ptr<Machine> hopper_machine();
+std::unique_ptr<Machine> bouncing_ball_machine();
 
 }  // namespace saltus::diagnosis

@@ -46,7 +46,8 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
     ports[m.coefficients[i].profile_of].push_back(static_cast<int>(i));
   }
   if (knots.empty()) return;
-  const Evidence e = evidence(p, segments, refit, knots);
+  // What parameters could imitate is not shown: the tolerances are widened until only the data decide.
+  const Evidence e = evidence(p, segments, refit, knots, 100.0);
   const auto orbit = m.cycle(refit.values, 60, p.data->sections);
   for (const Start& s : orbit) d.charts.push_back(m.charts[static_cast<std::size_t>(s.chart)]);
   for (const auto& [port, list] : ports) {

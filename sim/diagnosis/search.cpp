@@ -165,9 +165,8 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   const std::vector<Lead> leads = leads_at(base(), base_gate_.evidence, candidates_.size());
   for (std::size_t i = 0; i < leads.size(); ++i) {
     const Lead& l = leads[i];
-    const bool secant = p_.machine->coefficients[static_cast<std::size_t>(l.added)].probe > 0.0;
-    if (!secant && (l.gain < 4.0 || l.gain < 0.02 * leads[0].gain || (i > 7 && !curved(l.added)))) continue;
-    explore(l.from, l.added, l.estimate, curved(l.added) || i < 2);
+    if (l.gain < 4.0 || l.gain < 0.02 * leads[0].gain || (i > 7 && !curved(l.added))) continue;
+    explore(l.from, l.added, l.estimate, (curved(l.added) && l.gain > 0.1 * leads[0].gain) || i < 2);
     progress(0.1 + 0.3 * static_cast<double>(i) / static_cast<double>(leads.size()));
   }
   for (std::size_t size = 1; size <= most_effects; ++size) {

@@ -2,6 +2,7 @@
 #include <cstdio>
 
 #include "../diagnosis/json.hpp"
+#include "../report/diagnosis_page.hpp"
 #include "hal/record.hpp"
 #include "calibrate.hpp"
 #include "program.hpp"
@@ -61,9 +62,11 @@ void run(const Arguments& a) {
   options.progress = [&](double fraction, const char*) { progress.at(fraction); };
   const diagnosis::Diagnosis d = diagnosis::diagnose(record, *machine, options);
   if (!a.json.empty()) write_json(a.json, diagnosis::to_json(d));
+  const std::string page = a.report.empty() ? "" : write_diagnosis_page(d, a.report);
   if (a.json == "-") return;
   for (const std::string& line : d.story) std::printf("%s\n", line.c_str());
   for (const std::string& note : d.notes) std::printf("Note: %s\n", note.c_str());
+  if (!page.empty()) std::printf("Report: %s\n", page.c_str());
 }
 
 }  // namespace

@@ -1,0 +1,142 @@
+#include <algorithm>
+#include <cmath>
+
+#include "sim/diagnosis/diagnosis.hpp"
+#include "sim/diagnosis/json.hpp"
+#include "sim/diagnosis/synthetic.hpp"
+#include "tests/support/catch.hpp"
+
+using namespace saltus;
+using namespace saltus::diagnosis;
+
+namespace {
+
+// A short campaign on the emulated hopper: enough for effects some ten times their detection limits.
+Campaign short_campaign() {
+  Campaign c;
+  c.experiments = 3;
+  c.period = 16;
+  c.settle = 20;
+  c.tones = 6;
+  c.noise = {1e-3, 6e-3};
+  return c;
+}
+Record made(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed, const Campaign& c = short_campaign()) {
+  const auto m = make_machine("hopper");
+  std::vector<double> values;
+  REQUIRE(values_with(*m, truth, values));
+  Record r = synthesise(*m, values, c, seed);
+  REQUIRE(r.rows() > 0);
+  return r;
+}
+Diagnosis judged(const Record& r, const Options& options = {}) {
+  const auto m = make_machine("hopper");
+  return diagnose(r, *m, options);
+}
+// Refused with these words in the message.
+void refused(const Record& r, const std::string& words) {
+  CAPTURE(words);
+  const auto m = make_machine("hopper");
+  try {
+    diagnose(r, *m, {});
+    FAIL("was not refused");
+  } catch (const RecordError& e) {
+    CAPTURE(e.what());
+    CHECK(std::string(e.what()).find(words) != std::string::npos);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("nothing wrong: no discrepancy, with detection limits", "[diagnose]") {
+  const Diagnosis d = judged(made({}, 11));
+  CHECK(d.verdict == Verdict::no_discrepancy);
+  CHECK(d.effects.empty());
+  CHECK(std::abs(d.heldout.after - 1.0) < 0.05);
+  int limits = 0;
+  for (const CandidateRow& c : d.candidates) limits += c.limit > 0.0;
+  CHECK(limits > 10);
+}
+
+TEST_CASE("wrong parameters only: corrected, and no effect invented", "[diagnose]") {
+  const Diagnosis d = judged(made({{"k", 10.25}, {"b", 4.9}}, 12));
+  CHECK(d.verdict == Verdict::parameters_only);
+  CHECK(d.effects.empty());
+  for (const ParameterRow& p : d.parameters) {
+    if (p.name == "k") CHECK(std::abs(p.refitted - 10.25) < 4.0 * p.refitted_error);
+    if (p.name == "b") CHECK(std::abs(p.refitted - 4.9) < 4.0 * p.refitted_error);
+  }
+}
+
+TEST_CASE("one effect: its name, its size, and an error that falls to the noise on held-out data", "[diagnose]") {
+  const Diagnosis d = judged(made({{"quadratic_drag@body", 0.1}}, 13));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "quadratic_drag@body");
+  CHECK(std::abs(d.effects[0].value - 0.1) < 0.015);
+  CHECK(d.heldout.after < 1.1);
+  CHECK(d.heldout.before > 1.5);
+  const auto j = to_json(d);
+  CHECK(j["verdict"] == "effect_found");
+  CHECK(j["effects"][0]["ci95"].size() == 2);
+  CHECK(j["error"]["rms"]["y_M"]["unit"] == "m");
+}
+
+TEST_CASE("an effect of no library: unexplained, not the nearest name", "[diagnose]") {
+  const Diagnosis d = judged(made({{"force_profile@leg/5", 1.5}, {"force_profile@leg/12", -1.0}}, 14));
+  CHECK(d.verdict == Verdict::unexplained);
+  CHECK(d.effects.empty());
+  CHECK(d.where.known);
+}
+
+TEST_CASE("a sensor's bias is said to be unidentifiable while the rest length is free", "[diagnose]") {
+  const Diagnosis d = judged(made({{"sensor_bias@y_M", 0.02}}, 15));
+  CHECK(d.effects.empty());
+  CHECK(d.verdict == Verdict::parameters_only);
+  bool said = false;
+  for (const CandidateRow& c : d.candidates) {
+    if (c.name == "sensor_bias@y_M") said = c.remark.find("unidentifiable while l0 is free") != std::string::npos;
+  }
+  CHECK(said);
+}
+
+TEST_CASE("records that are not of this machine are refused with the reason", "[diagnose]") {
+  const Record good = made({}, 16);
+  Record r = good;
+  for (double& v : r.outputs[0].values) v *= 1000.0;
+  refused(r, "another unit");
+  r = good;
+  std::swap(r.outputs[0].values, r.outputs[1].values);
+  refused(r, "swap the two columns");
+  r = good;
+  r.outputs.pop_back();
+  refused(r, "no output 'v_M'");
+  r = good;
+  r.outputs[0].unit = "mm";
+  refused(r, "is in mm");
+  r = good;
+  for (double& t : r.t) t += 0.3;
+  refused(r, "t must be 0");
+  r = good;
+  r.settle_cycles = 83;
+  refused(r, "whole cycles after settling");
+  r = good;
+  r.sections_per_cycle.reset();
+  refused(r, "paced by a clock");
+  // Measured values six sections late.
+  r = good;
+  for (auto& o : r.outputs) std::rotate(o.values.begin(), o.values.begin() + 6, o.values.end());
+  refused(r, "clock is shifted");
+}
+
+TEST_CASE("drops, outliers and coarse sensors do not change the verdict, and are counted", "[diagnose]") {
+  Campaign c = short_campaign();
+  c.drop = 0.005;
+  c.outliers = 0.001;
+  c.quantum = {1e-3, 5e-3};
+  const Diagnosis d = judged(made({{"quadratic_drag@body", 0.1}}, 17, c));
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "quadratic_drag@body");
+  CHECK(d.quality.missing > 0);
+  CHECK(d.quality.outliers > 0);
+}
