@@ -93,7 +93,7 @@ struct With {
     each_effect([&](const auto& e) {
       each_port([&](auto p) {
         // A force that passes through a guard (a leg force in a ground reaction) says so by reaction(port, edge).
-        if constexpr (forced<decltype(e), decltype(p), typename E::from>() && requires { model.reaction(p, edge); }) {
+        if constexpr (forced<decltype(e), decltype(p), typename E::from>() && reacts<decltype(p), E>()) {
           const Motion<S, E::from::dim> at = model.port(p, typename E::from{}, x);
           g += model.reaction(p, edge) * force_of(e, p, typename E::from{}, at, x);
         }
@@ -210,6 +210,10 @@ struct With {
     constexpr bool plain = requires(const E& e, P p, const S& s) { e.force(p, s, s); };
     constexpr bool timed = clock_of<C>() >= 0 && requires(const E& e, P p, const S& s) { e.force(p, s, s, s); };
     return port && (plain || timed);
+  }
+  template <class P, class E>
+  static constexpr bool reacts() noexcept {
+    return requires(const M& m, P p, E e) { m.reaction(p, e); };
   }
   template <class E, class... Cs, class... Es, class... Ps>
   static constexpr bool acts(List<Cs...>, List<Es...>, List<Ps...>) noexcept {

@@ -35,10 +35,10 @@ std::vector<double> stimulus(const Campaign& c, Random& random, bool quiet) {
 bool values_with(const Machine& m, const std::vector<std::pair<std::string, double>>& changes, std::vector<double>& values) {
   std::vector<double> v;
   for (const Coefficient& c : m.coefficients) v.push_back(c.nominal);
-  for (const auto& [name, value] : changes) {
-    const auto it = std::find_if(m.coefficients.begin(), m.coefficients.end(), [&](const Coefficient& c) { return c.name == name; });
+  for (const auto& change : changes) {
+    const auto it = std::find_if(m.coefficients.begin(), m.coefficients.end(), [&](const Coefficient& c) { return c.name == change.first; });
     if (it == m.coefficients.end()) return false;
-    v[static_cast<std::size_t>(it - m.coefficients.begin())] = value;
+    v[static_cast<std::size_t>(it - m.coefficients.begin())] = change.second;
   }
   values = std::move(v);
   return true;
