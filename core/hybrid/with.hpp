@@ -95,7 +95,7 @@ struct With {
         // A force that passes through a guard (a leg force in a ground reaction) says so by reaction(port, edge).
         if constexpr (forced<decltype(e), decltype(p), typename E::from>() && reacts<decltype(p), E>()) {
           const Motion<S, E::from::dim> at = model.port(p, typename E::from{}, x);
-          g += model.reaction(p, edge) * force_of(e, p, typename E::from{}, at, x);
+          g += reaction(p, edge) * force_of(e, p, typename E::from{}, at, x);
         }
       });
       if constexpr (requires { e.guard(edge, x, u); }) g += e.guard(edge, x, u);
