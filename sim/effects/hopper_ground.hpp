@@ -71,7 +71,8 @@ struct HopperOnGround {
     return f;
   }
   S guard(hopper::Touchdown, const Vec<5, S>& x, const U&) const noexcept { return soft() || bounces(x) ? S(1.0) : x[3]; }
-  S guard(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept { return soft() ? x[3] : S(1.0); }
+  // A foot that rises out of the ground does not strike it.
+  S guard(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept { return soft() && value_of(x[4]) < 0.0 ? x[3] : S(1.0); }
   S guard(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept { return !soft() && bounces(x) ? x[3] : S(1.0); }
   S guard(hopper::Liftoff e, const Vec<3, S>& x, const U& u) const noexcept { return h.guard(e, x, u); }
   S guard(hopper::Release, const Vec<5, S>& x, const U&) const noexcept { return ground(x); }

@@ -147,6 +147,11 @@ void run(const Arguments& a) {
       table.push_back({{"outside: " + c.name, {{c.name, 0.1 * a.times}}, {"outside"}}, {}});
     }
   }
+  nlohmann::json all = nlohmann::json::array();
+  if (a.json != "-") {
+    std::printf("| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers |\n");
+    std::printf("|---|---|---|---|---|---|---|---|---|\n");
+  }
   Progress progress("calibrating");
   double done = 0.0;
   for (std::size_t row = 0; row < table.size(); ++row) {
@@ -176,21 +181,15 @@ void run(const Arguments& a) {
         ++score.refused;
       }
     }
-  }
-  nlohmann::json all = nlohmann::json::array();
-  if (a.json != "-") {
-    std::printf("| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers |\n");
-    std::printf("|---|---|---|---|---|---|---|---|---|\n");
-  }
-  for (const auto& [truth, s] : table) {
-    all.push_back({{"truth", truth.label}, {"trials", s.trials}, {"right", s.right}, {"tie", s.tie}, {"wrong", s.wrong},
-                   {"nothing", s.nothing}, {"unexplained", s.unexplained}, {"refused", s.refused}, {"covered", s.covered},
-                   {"intervals", s.intervals}, {"named", s.named}});
+    all.push_back({{"truth", truth.label}, {"trials", score.trials}, {"right", score.right}, {"tie", score.tie},
+                   {"wrong", score.wrong}, {"nothing", score.nothing}, {"unexplained", score.unexplained},
+                   {"refused", score.refused}, {"covered", score.covered}, {"intervals", score.intervals},
+                   {"named", score.named}});
     if (a.json == "-") continue;
-    std::printf("| %s | %d | %d | %d | %d | %d | %d | %d | %d of %d |\n", truth.label.c_str(), s.trials, s.right, s.tie, s.wrong,
-                s.nothing, s.unexplained, s.refused, s.covered, s.intervals);
-    for (const auto& [said, count] : s.named) {
-      if (s.wrong > 0) std::printf("|   said %s | %d | | | | | | | |\n", said.c_str(), count);
+    std::printf("| %s | %d | %d | %d | %d | %d | %d | %d | %d of %d |\n", truth.label.c_str(), score.trials, score.right, score.tie,
+                score.wrong, score.nothing, score.unexplained, score.refused, score.covered, score.intervals);
+    for (const auto& [said, count] : score.named) {
+      if (score.wrong > 0) std::printf("|   said %s | %d | | | | | | | |\n", said.c_str(), count);
     }
     std::fflush(stdout);
   }
