@@ -52,7 +52,7 @@ class Bus {
   void wake() noexcept;  // there is something to send
   bool wakes() const noexcept { return options_.wake; }
 
-  std::int64_t foreign() const noexcept { return foreign_; }      // messages on channels of others
+  std::int64_t foreign() const noexcept { return foreign_; }      // messages that nobody here listens to
   std::int64_t malformed() const noexcept { return malformed_; }  // packets that are not LCM's
   std::int64_t unsent() const noexcept { return unsent_; }        // messages the network did not take
 

@@ -306,6 +306,7 @@ TEST_CASE("raw packets of every malformed kind are counted and harm nobody") {
   CHECK(f[Fault::session] == 1);
   CHECK(bus.malformed() == malformed);
   CHECK(other.malformed() == malformed);
+  CHECK(other.foreign() >= foreign);
   // The conversation goes on as if nothing had been.
   const double u = test::control(good);
   REQUIRE(machine.exchange(1, {u}, y) == Outcome::answered);
