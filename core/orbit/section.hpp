@@ -7,6 +7,7 @@
 //   value(i, m, C, x, u)                 surface of section i in chart C; falls through zero when the section is met
 #pragma once
 
+#include <cmath>
 #include <numbers>
 
 #include "../hybrid/point.hpp"
@@ -21,7 +22,10 @@ struct ClockPhases {
   int count() const noexcept { return sections; }
   template <class M, class C>
   ScalarOf<M> value(int i, const M&, C, const Vec<C::dim, ScalarOf<M>>& x, const Input<M>&) const noexcept {
-    return 2.0 * std::numbers::pi * i / sections - x[clock_of<C>()];
+    using S = ScalarOf<M>;
+    constexpr double turn = 2.0 * std::numbers::pi;
+    const S ahead = turn * i / sections - x[clock_of<C>()];
+    return ahead - S(turn * std::round(value_of(ahead) / turn));  // from half a turn before to half a turn after
   }
 };
 

@@ -1,0 +1,223 @@
+// Everything that Wendel & Ames 2010 ask of a cycle, at every guard of it, with the error of each number. All
+// tolerances come from two computations of the same cycle, with steps h and h/2: their difference bounds the error of
+// the finer one, by a factor of 15 where the method's fourth order shows.
+#pragma once
+
+#include "conditioned_multipliers.hpp"
+#include "return_map.hpp"
+
+namespace saltus {
+
+// What keeps ranks and multipliers from being trusted.
+enum class Doubt : unsigned char {
+  none,
+  other_order,      // the two step sizes do not see the same events: one was missed
+  grazing,          // a guard is met almost tangentially
+  coarse,           // the derivative of the flow is not consistent with the flow, eq. 3
+  undecided_rank,   // a singular value lies too near the tolerance
+  outside_bounds,   // a rank contradicts Lemma 3 or Theorem 4
+  unequal_spectra,  // the guards disagree on the non-zero multipliers
+};
+
+// An edge: its reset and its edge map, on the tangent space of the guard.
+template <int N>
+struct EdgeAnalysis {
+  EdgeRank rank;             // what the bounds are made of
+  Rank<N> reset, map;        // of D R_e and D P_e
+  Bounds bounds;             // Lemma 3
+  double guard_angle = 0.0;  // sine of the flow to the guard (A2)
+  double image_angle = 0.0;  // sine of the next flow to the tangent space of R_e(G_e); 0 where that is all of the chart
+  double image_tolerance = 0.0;
+};
+
+// The leg after an edge.
+template <int N>
+struct LegAnalysis {
+  double invariant = 0.0;  // eq. 3, relative residual
+  double kernel = 0.0;     // |Dphi f(x0)| / (|Dphi| |f(x0)|): Theorem 1's kernel
+  Rank<N> total;           // of Dphi_tau: dimension - 1
+  Rank<N> section;         // of Dphi_tau from the plane normal to f(x0): the same, a diffeomorphism (Cor. 1)
+  ConditionedMultipliers<N> eigenvalues;  // of Dphi_tau in the coordinates of its chart
+};
+
+// The return map of a guard, just before its edge.
+template <int N>
+struct GuardAnalysis {
+  Rank<N> rank;                        // of DP_q on the tangent space of the guard
+  Bounds bounds;                       // Theorem 4, or Theorem 3 with one edge
+  ConditionedMultipliers<N> spectrum;  // of DP_q in the coordinates of its chart
+  ZeroMultipliers zeros;
+  double one = 0.0;  // |Phi_T f - f| / |f|: the trivial eigenvalue 1 of the whole cycle's derivative
+};
+
+template <int N>
+struct CycleAnalysis {
+  Doubt doubt = Doubt::none;
+  int at = 0;  // edge map where the doubt arose
+  int count = 0;
+  std::array<EdgeAnalysis<N>, max_cycle_events> edge{};
+  std::array<LegAnalysis<N>, max_cycle_events> leg{};
+  std::array<GuardAnalysis<N>, max_cycle_events> guard{};
+  double spread = 0.0;   // largest distance between the non-zero spectra of two guards
+  double allowed = 0.0;  // what their errors allow
+};
+
+namespace orbit {
+inline constexpr double epsilon = std::numeric_limits<double>::epsilon();
+
+// A matrix from both computations: the finer value, and two sizes of its error, both of differences and of rounding.
+template <int N>
+struct Measured {
+  Mat<N, N> value;
+  double tolerance;  // a bound in the 2-norm, for ranks
+  Mat<N, N> error;   // likely, entry by entry
+};
+// `magnitude`: the sum of the absolute values of what each entry was summed from.
+template <int N>
+Measured<N> measured(const Mat<N, N>& coarse, const Mat<N, N>& fine, const Mat<N, N>& magnitude) noexcept {
+  const Mat<N, N> difference = (coarse - fine).cwiseAbs();
+  const Mat<N, N> rounding = (64.0 * epsilon) * magnitude;
+  return {fine, difference.norm() + rounding.norm(), difference / 8.0 + rounding / 4.0};
+}
+
+template <int N>
+Mat<N, N> magnitude(const Leg<N>& leg) noexcept {
+  return leg.Phi.cwiseAbs() + leg.f1.cwiseAbs() * time_to_impact_gradient(leg).cwiseAbs().transpose();
+}
+
+template <int N>
+Measured<N> measured_return_map(const Cycle<N>& coarse, const Cycle<N>& fine, int q) noexcept {
+  Mat<N, N> size = onto_guard(fine, q).cwiseAbs();
+  for (int j = 0; j < fine.count; ++j) {
+    size = (magnitude(fine[q + j].leg) * (fine[q + j].reset.cwiseAbs() * size)).eval();
+  }
+  return measured<N>(return_map(coarse, q) * onto_guard(coarse, q), return_map(fine, q) * onto_guard(fine, q), size);
+}
+
+// Sine of the angle between f and the span of the first `rank` columns of u.
+template <int N>
+double angle_to_span(const Vec<N>& f, const Mat<N, N>& u, int rank) noexcept {
+  Vec<N> rest = f;
+  for (int i = 0; i < rank; ++i) rest -= u.col(i) * u.col(i).dot(f);
+  return rest.norm() / f.norm();
+}
+}  // namespace orbit
+
+// Non-zero multipliers of the return map where map q starts, from the cycle with steps h and h/2.
+template <int N>
+ConditionedMultipliers<N> multipliers_at(const Cycle<N>& coarse, const Cycle<N>& fine, int q) noexcept {
+  const auto m = orbit::measured_return_map(coarse, fine, q);
+  return conditioned_multipliers<N>(m.value, fine[q].dim, m.tolerance, m.error);
+}
+
+// The sum of the largest errors of two spectra.
+template <int N>
+double allowed_distance(const ConditionedMultipliers<N>& a, const ConditionedMultipliers<N>& b) noexcept {
+  double ea = 0.0;
+  double eb = 0.0;
+  for (int i = 0; i < a.nonzero; ++i) ea = std::fmax(ea, a.error[static_cast<std::size_t>(i)]);
+  for (int i = 0; i < b.nonzero; ++i) eb = std::fmax(eb, b.error[static_cast<std::size_t>(i)]);
+  return ea + eb;
+}
+
+// `coarse` and `fine` are the same limit cycle, found with steps h and h/2. Numbers behind a doubt mean nothing.
+template <int N>
+CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept {
+  using orbit::measured;
+  constexpr double grazing = 1e-6;  // [-] sine
+  CycleAnalysis<N> out;
+  out.count = fine.count;
+  const auto doubt = [&](Doubt d, int at) {
+    if (out.doubt != Doubt::none) return;
+    out.doubt = d;
+    out.at = at;
+  };
+  if (coarse.count != fine.count) doubt(Doubt::other_order, 0);
+  for (int j = 0; j < fine.count && out.doubt == Doubt::none; ++j) {
+    if (coarse[j].edge != fine[j].edge) doubt(Doubt::other_order, j);
+    const Leg<N>& leg = fine[j].leg;
+    const double change = std::abs(leg.rate - coarse[j].leg.rate);
+    if (leg.status != Status::ok || !(transversality(leg) > grazing) || !(change < 0.1 * std::abs(leg.rate))) {
+      doubt(Doubt::grazing, j + 1);
+    }
+    if (!(invariant_residual(leg) < 1e-4)) doubt(Doubt::coarse, j);
+  }
+  if (out.doubt != Doubt::none) return out;
+
+  std::array<EdgeRank, max_cycle_events> ranks{};
+  for (int j = 0; j < fine.count; ++j) {
+    EdgeAnalysis<N>& e = out.edge[static_cast<std::size_t>(j)];
+    const EdgeMap<N>& map = fine[j];
+    const Mat<N, N> tangent = onto_guard(fine, j);
+    const Mat<N, N> tangent_coarse = onto_guard(coarse, j);
+    const auto reset =
+        measured<N>(coarse[j].reset * tangent_coarse, map.reset * tangent, map.reset.cwiseAbs() * tangent.cwiseAbs());
+    const Decomposition<N> svd = decompose<N>(reset.value);
+    e.reset = orbit::decide(svd.sigma, reset.tolerance);
+    const auto p = measured<N>(coarse[j].derivative() * tangent_coarse, map.derivative() * tangent,
+                               orbit::magnitude(map.leg) * (map.reset.cwiseAbs() * tangent.cwiseAbs()));
+    e.map = rank_of<N>(p.value, p.tolerance);
+    e.guard_angle = transversality(fine.arrival(j));
+    if (!e.reset.known() || !e.map.known()) {
+      doubt(Doubt::undecided_rank, j);
+      continue;
+    }
+    const int r = e.reset.value;
+    e.image_angle = orbit::angle_to_span<N>(map.leg.f0, svd.u, r);
+    const double smallest = r > 0 ? e.reset.sigma[static_cast<std::size_t>(r - 1)] : 1.0;
+    e.image_tolerance =
+        reset.tolerance / smallest + (map.leg.f0 - coarse[j].leg.f0).norm() / map.leg.f0.norm() + 64.0 * orbit::epsilon;
+    e.rank = {map.dim, map.leg.dim, r, e.image_angle > orbit::clear * e.image_tolerance};
+    e.bounds = lemma3(e.rank);
+    if (!e.bounds.contains(e.map.value)) doubt(Doubt::outside_bounds, j);
+    ranks[static_cast<std::size_t>(j)] = e.rank;
+  }
+
+  for (int j = 0; j < fine.count; ++j) {
+    LegAnalysis<N>& l = out.leg[static_cast<std::size_t>(j)];
+    const Leg<N>& leg = fine[j].leg;
+    const Leg<N>& leg_coarse = coarse[j].leg;
+    const auto total = measured<N>(total_derivative(leg_coarse), total_derivative(leg), orbit::magnitude(leg));
+    l.invariant = invariant_residual(leg);
+    l.kernel = (total.value * leg.f0).norm() / (total.value.norm() * leg.f0.norm());
+    l.total = rank_of<N>(total.value, total.tolerance);
+    const Vec<N> f = leg.f0.normalized();
+    l.section = rank_of<N>(total.value - total.value * f * f.transpose(), total.tolerance);
+    l.eigenvalues = conditioned_multipliers<N>(total.value, leg.dim, total.tolerance, total.error);
+    if (!l.total.known() || !l.section.known() || l.eigenvalues.status != Status::ok) {
+      doubt(Doubt::undecided_rank, j);
+    } else if (l.total.value != leg.dim - 1 || l.section.value != leg.dim - 1) {
+      doubt(Doubt::outside_bounds, j);  // Theorem 1 holds for every leg
+    }
+  }
+  if (out.doubt != Doubt::none) return out;
+
+  const std::span<const EdgeRank> edges(ranks.data(), static_cast<std::size_t>(fine.count));
+  for (int q = 0; q < fine.count; ++q) {
+    const auto at = static_cast<std::size_t>(q);
+    GuardAnalysis<N>& g = out.guard[at];
+    const auto m = orbit::measured_return_map(coarse, fine, q);
+    g.rank = rank_of<N>(m.value, m.tolerance);
+    g.bounds = theorem4(edges, at);
+    g.spectrum = conditioned_multipliers<N>(m.value, fine[q].dim, m.tolerance, m.error);
+    const Vec<N> f = fine[q].leg.f0;
+    g.one = (cycle_derivative(fine, q) * f - f).norm() / f.norm();
+    if (!g.rank.known() || g.spectrum.status != Status::ok) {
+      doubt(Doubt::undecided_rank, q);
+      continue;
+    }
+    g.zeros = classify(edges, at, g.rank.value, g.spectrum.nonzero);
+    if (!g.bounds.contains(g.rank.value)) doubt(Doubt::outside_bounds, q);
+    const auto& first = out.guard[0].spectrum;
+    if (q > 0 && first.status == Status::ok) {
+      const double spread = spectral_distance(first, g.spectrum);
+      const double allowed = allowed_distance(first, g.spectrum);
+      out.spread = std::fmax(out.spread, spread);
+      out.allowed = std::fmax(out.allowed, allowed);
+      if (spread > allowed) doubt(Doubt::unequal_spectra, q);
+    }
+  }
+  return out;
+}
+
+}  // namespace saltus

@@ -1,0 +1,301 @@
+// Finds limit cycles, stable or not: Newton's method on all guards of a cycle at once (multiple shooting), from a cycle
+// that was run once or from that of nearby parameters. Every way to fail has a name.
+#pragma once
+
+#include <Eigen/LU>
+
+#include <limits>
+
+#include "return_map.hpp"
+
+namespace saltus {
+
+enum class Outcome : unsigned char {
+  found,
+  no_convergence,  // Newton's method stands still above the tolerance
+  other_event,     // an event came in another order than expected
+  no_event,        // nothing happened for eight periods
+  fell,            // the model says that it is no longer upright
+  trouble,         // the flow reported `status`
+  no_cycle,        // the events do not repeat
+};
+
+// How a search ended. Where a leg went wrong: the edges, as positions in M::Edges, that it came from, should have ended
+// on, and did; -1 for a section or a start.
+struct Search {
+  Outcome outcome = Outcome::no_cycle;
+  Status status = Status::ok;
+  int after = -1, expected = -1, met = -1;
+  int iterations = 0;                                         // of Newton's method
+  double residual = std::numeric_limits<double>::infinity();  // largest mismatch of a state at a guard
+  double dt = 0.0;                                            // [s] step of the integrator
+};
+
+namespace orbit {
+// Evaluates map j from its x: the reset, its derivative, and the leg.
+template <class M, int N, class Watch>
+void evaluate_map(const M& m, double dt, double longest, const Watch& watch, EdgeMap<N>& map) noexcept {
+  const Input<M> u = Input<M>::Zero();
+  Point<M> after = point_in<M>(map.chart, map.x);
+  map.reset.setZero();
+  for (int i = 0; i < map.dim; ++i) map.reset(i, i) = 1.0;
+  visit_at(typename M::Edges{}, map.edge, [&](auto e) {
+    using E = decltype(e);
+    constexpr int n = E::from::dim;
+    constexpr int to = E::to::dim;
+    using D = Dual<n>;
+    using LM = Rebind<M, D>;
+    const Vec<n> x = map.x.template head<n>();
+    after.set(typename E::to{}, m.reset(e, x, u));
+    const Vec<to, D> y = lift<D>(m).reset(e, variables<n, n>(x, 0), Input<LM>::Constant(D(0.0)));
+    map.reset.setZero();
+    map.reset.template topLeftCorner<to, n>() = gradient_of(y);
+  });
+  map.leg = follow_leg<N>(m, after, dt, longest, true, watch);
+}
+
+// True when a leg from edge `after` ended on edge `expected`; else says in `search` what happened instead.
+template <int N>
+bool expected_end(const Leg<N>& leg, int after, int expected, Search& search) noexcept {
+  using End = typename Leg<N>::End;
+  search.after = after;
+  search.expected = expected;
+  search.met = leg.end == End::edge ? leg.edge : -1;
+  search.status = leg.status;
+  if (leg.fell) {
+    search.outcome = Outcome::fell;
+  } else if (!usable(leg.status)) {
+    search.outcome = Outcome::trouble;
+  } else if (leg.end == End::time) {
+    search.outcome = Outcome::no_event;
+  } else if (leg.end == End::edge ? leg.edge != expected : expected >= 0) {
+    search.outcome = Outcome::other_event;
+  } else {
+    return true;
+  }
+  return false;
+}
+
+// Evaluates all maps of a cycle from their x. False when one of them ends otherwise than the next begins.
+template <class M, int N, class Watch>
+bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N>& cycle, Search& search) noexcept {
+  double worst = 0.0;
+  for (int j = 0; j < cycle.count; ++j) {
+    EdgeMap<N>& map = cycle[j];
+    evaluate_map(m, dt, longest, watch, map);
+    const EdgeMap<N>& next = cycle[j + 1];
+    if (!expected_end(map.leg, map.edge, next.edge, search)) return false;
+    const Vec<N> gap = state_difference<M>(map.leg.chart, map.leg.x1, next.x);
+    worst =
+        std::fmax(worst, gap.template lpNorm<Eigen::Infinity>() / (1.0 + next.x.template lpNorm<Eigen::Infinity>()));
+    if (!std::isfinite(worst)) {
+      search.outcome = Outcome::trouble;
+      search.status = Status::diverged;
+      return false;
+    }
+  }
+  search.residual = worst;
+  return true;
+}
+}  // namespace orbit
+
+// Newton's method on a cycle whose edges, and states x on their guards, are a guess. The step of the integrator is
+// dt [s]; a leg may take `longest` [s]. On Outcome::found the maps of `cycle` are those of the limit cycle.
+template <class M, int N, class Watch = Unwatched>
+Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch& watch = {}) noexcept {
+  constexpr int max_iterations = 40;
+  constexpr double tolerance = 2e-14;  // relative to 1 + the size of a state: what rounding leaves of a cycle
+  constexpr double floor = 1e-10;      // where it may stop because rounding lets it go no further
+  Search search;
+  search.dt = dt;
+  if (cycle.count < 1 || !orbit::evaluate(m, dt, longest, watch, cycle, search)) return search;
+  for (search.iterations = 0; search.iterations < max_iterations; ++search.iterations) {
+    if (search.residual <= tolerance) break;
+    // Carry the mismatches round the cycle, close it, and distribute.
+    std::array<Vec<N>, max_cycle_events> gap;
+    Vec<N> carried = Vec<N>::Zero();
+    Mat<N, N> round = Mat<N, N>::Identity();
+    for (int j = 0; j < cycle.count; ++j) {
+      Vec<N>& g = gap[static_cast<std::size_t>(j)];
+      g = state_difference<M>(cycle[j].leg.chart, cycle[j].leg.x1, cycle[j + 1].x);
+      const Mat<N, N> derivative = cycle[j].derivative();
+      carried = (derivative * carried + g).eval();
+      round = (derivative * round).eval();
+    }
+    const Mat<N, N> defect = Mat<N, N>::Identity() - round;
+    Vec<N> step = Eigen::PartialPivLU<Mat<N, N>>(defect).solve(carried);
+    std::array<Vec<N>, max_cycle_events> steps;
+    for (int j = 0; j < cycle.count; ++j) {
+      steps[static_cast<std::size_t>(j)] = step;
+      step = (cycle[j].derivative() * step + gap[static_cast<std::size_t>(j)]).eval();
+    }
+    Cycle<N> trial;
+    Search tried;
+    bool better = false;
+    for (double share = 1.0; share > 0.01 && !better; share *= 0.5) {
+      trial = cycle;
+      for (int j = 0; j < cycle.count; ++j) trial[j].x += share * steps[static_cast<std::size_t>(j)];
+      tried = search;
+      better = orbit::evaluate(m, dt, longest, watch, trial, tried) && tried.residual < search.residual;
+    }
+    if (!better) {
+      if (search.residual <= floor) break;
+      const int iterations = search.iterations;
+      if (tried.outcome != Outcome::no_cycle) search = tried;  // what stopped the smallest step
+      if (search.outcome == Outcome::no_cycle) search.outcome = Outcome::no_convergence;
+      search.iterations = iterations;
+      return search;
+    }
+    search = tried;
+    cycle = trial;
+  }
+  search.outcome = search.residual <= floor ? Outcome::found : Outcome::no_convergence;
+  if (search.outcome == Outcome::found) {
+    search.status = Status::ok;
+    for (int j = 0; j < cycle.count; ++j) search.status = worse(search.status, cycle[j].leg.status);
+  }
+  return search;
+}
+
+// Runs from `start` through `skip` events and then until the edge met next has been met `returns` times more: a first
+// guess of a cycle, its edges and states. `longest` [s] is the patience between two events.
+template <class M, int N, class Watch = Unwatched>
+Search first_cycle(const M& m, const Point<M>& start, double dt, double longest, int skip, int returns, Cycle<N>& cycle,
+                   const Watch& watch = {}) noexcept {
+  using End = typename Leg<N>::End;
+  Search search;
+  search.dt = dt;
+  cycle.count = 0;
+  Point<M> p = start;
+  int again = 0;
+  int after = -1;
+  for (;;) {
+    const Leg<N> leg = follow_leg<N>(m, p, dt, longest, false, watch);
+    const int edge = leg.end == End::edge ? leg.edge : -1;
+    if (!orbit::expected_end(leg, after, edge, search)) return search;
+    if (skip <= 0 && cycle.count > 0) {
+      cycle[cycle.count - 1].leg = leg;
+      if (cycle[0].edge == edge && ++again == returns) {
+        search.outcome = Outcome::found;
+        return search;
+      }
+    }
+    if (skip <= 0) {
+      if (cycle.count == max_cycle_events) return search;
+      EdgeMap<N>& map = cycle.map[static_cast<std::size_t>(cycle.count++)];
+      map.edge = edge;
+      map.chart = leg.chart;
+      map.dim = leg.dim;
+      map.x = leg.x1;
+    }
+    --skip;
+    after = edge;
+    p = point_in<M>(leg.chart, leg.x1);
+    visit_at(typename M::Edges{}, edge, [&](auto e) {
+      using E = decltype(e);
+      p.set(typename E::to{}, m.reset(e, p.in(typename E::from{}), Input<M>::Zero()));
+    });
+  }
+}
+
+// True when the cycle is a shorter one, run through several times.
+template <class M, int N>
+bool is_repeated(const Cycle<N>& cycle) noexcept {
+  for (int part = 1; part < cycle.count; ++part) {
+    if (cycle.count % part != 0) continue;
+    bool same = true;
+    for (int j = 0; j < cycle.count && same; ++j) {
+      const EdgeMap<N>& a = cycle[j];
+      const EdgeMap<N>& b = cycle[j + part];
+      same = a.edge == b.edge && state_difference<M>(a.chart, a.x, b.x).norm() < 1e-7 * (1.0 + a.x.norm());
+    }
+    if (same) return true;
+  }
+  return false;
+}
+
+// The limit cycle that `start` leads to: runs once round and applies `shoot`; where that fails, lets 40 and then 400
+// events pass first, which finds what is stable. `ticks` steps of the integrator go into a period. `returns` > 1 looks
+// for cycles that close only after so many passages of their first edge.
+template <class M, int N>
+Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N>& cycle, int returns = 1) noexcept {
+  Search best;
+  Cycle<N> trial;
+  for (const int skip : {0, 40, 400}) {
+    // Two rounds: the first one only measures the period.
+    double period = timebase_of(m, ticks).period;
+    double longest = 16.0 * period;
+    Search search;
+    for (int round = 0; round < 2; ++round) {
+      search = first_cycle(m, start, period / static_cast<double>(ticks), longest, skip, returns, trial);
+      if (search.outcome != Outcome::found) break;
+      period = trial.period();
+      longest = 8.0 * period;
+    }
+    if (search.outcome == Outcome::found) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
+    const bool found = search.outcome == Outcome::found;
+    if (skip == 0 || (found && best.outcome != Outcome::found) || (found && !is_repeated<M>(trial))) {
+      best = search;
+      cycle = trial;
+    }
+    if (found && !is_repeated<M>(trial)) break;
+  }
+  return best;
+}
+
+// Follows the limit cycle of `from` to the parameters of `to`, in steps that shrink where Newton's method fails; the
+// order of events stays. `reached` is the share of the way that was covered; at 1 the search is that of `to`. Otherwise
+// `cycle` is the last one found and the search says what stopped it.
+template <class M, int N>
+Search follow_cycle(const M& from, const M& to, std::int64_t ticks, Cycle<N>& cycle, double& reached) noexcept {
+  constexpr double smallest = 0x1p-10;
+  std::array<double, static_cast<std::size_t>(parameter_count<M>)> begin{};
+  std::array<double, static_cast<std::size_t>(parameter_count<M>)> finish{};
+  std::size_t i = 0;
+  visit_parameters(from, [&](auto, auto, double v) { begin[i++] = v; });
+  i = 0;
+  visit_parameters(to, [&](auto, auto, double v) { finish[i++] = v; });
+  const auto between = [&](double s) {
+    M m = to;
+    std::size_t k = 0;
+    visit_parameters(m, [&](auto, auto, double& v) {
+      v = s < 1.0 ? begin[k] + s * (finish[k] - begin[k]) : finish[k];
+      ++k;
+    });
+    return m;
+  };
+  reached = 0.0;
+  double stride = 0.125;
+  Search search;
+  Cycle<N> before = cycle;  // the cycle found before the last one, for the secant
+  double before_at = 0.0;
+  while (reached < 1.0) {
+    const double s = std::fmin(1.0, reached + stride);
+    Cycle<N> trial = cycle;
+    if (reached > 0.0) {
+      const double ahead = (s - reached) / (reached - before_at);
+      for (int j = 0; j < cycle.count; ++j) {
+        trial[j].x += ahead * state_difference<M>(cycle[j].chart, cycle[j].x, before[j].x);
+      }
+    }
+    const double period = cycle.period();
+    const Search tried = shoot(between(s), period / static_cast<double>(ticks), 8.0 * period, trial);
+    if (tried.outcome == Outcome::found) {
+      before = cycle;
+      before_at = reached;
+      cycle = trial;
+      reached = s;
+      search = tried;
+      stride = std::fmin(0.25, 2.0 * stride);
+    } else {
+      search = tried;
+      stride *= 0.5;
+      if (stride < smallest) return search;
+    }
+  }
+  // Once more with the steps that the new period asks for.
+  const double period = cycle.period();
+  return shoot(to, period / static_cast<double>(ticks), 8.0 * period, cycle);
+}
+
+}  // namespace saltus
