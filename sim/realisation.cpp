@@ -333,7 +333,23 @@ Realisation realise(const HtfTable& t, const RealisationOptions& o) {
   // States just below the noise are left out, which is a bias of their size: what one more in each section changes.
   std::vector<int> wider = dims;
   for (int& d : wider) ++d;
-  const auto bias = shift(t, wider);
+  std::vector<double> bias = shift(t, wider);
+  // Harmonics that were not measured are another: what the outermost measured pair changes.
+  Index outermost = 0;
+  for (const MatrixXcd& h : t.value) {
+    for (Index m = 1; 2 * m <= t.sections; ++m) {
+      if (h.row(m).squaredNorm() + h.row(t.sections - m).squaredNorm() > 0.0) outermost = std::max(outermost, m);
+    }
+  }
+  if (2 * outermost < t.sections && outermost > 0) {
+    HtfTable fewer = t;
+    for (MatrixXcd& h : fewer.value) {
+      h.row(outermost).setZero();
+      h.row(t.sections - outermost).setZero();
+    }
+    const auto missing = shift(fewer, dims);
+    for (std::size_t i = 0; i < bias.size(); ++i) bias[i] += missing[i];
+  }
   for (std::size_t i = 0; i < spread.size(); ++i) r.sigma.push_back(std::sqrt(spread[i] + bias[i]));
   return r;
 }

@@ -47,7 +47,8 @@ struct Realisation {
   double threshold = 0.0;            // what singular values had to exceed: the noise's own, or the tolerance
   int rank = 0;                      // of the return map; at most the least dimension of a section
   std::vector<Complex> multipliers;  // non-zero ones, falling modulus
-  // Standard errors of the multipliers, sqrt(E |error|^2): noise, and what a dimension more in every section changes;
+  // Standard errors of the multipliers, sqrt(E |error|^2): noise, what a dimension more in every section
+  // changes, and, where harmonics are missing, what one pair less changes;
   // empty without replicates.
   std::vector<double> sigma;
   double error = 0.0;          // largest |H model - H| over the largest |H_0| of that output
