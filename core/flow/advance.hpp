@@ -2,9 +2,10 @@
 //
 // A guard is positive inside its chart; an edge is taken at the first t* in (t, t + h] where its guard is no longer
 // positive. Armed = positive at the start, or positive a moment (h / 2^20) into the step; recomputed each time, never
-// stored. The earliest edge wins, ties go to the one declared first, and the others follow at the same instant if their
-// guards still fall in the chart reached; then what is left of the interval goes on. At most eight crossings.
-// A state on or behind a guard that is not armed has escaped when it ends the interval behind it, or began it there.
+// stored. A step that starts on a guard, to rounding, and leaves through it takes the edge at once: so it is with a
+// state that a section or a reset left there. The earliest edge wins, ties go to the one declared first; then what is
+// left of the interval goes on. At most eight crossings. A state on or behind a guard that is not armed has escaped
+// when it ends the interval behind it, or began it there.
 #pragma once
 
 #include <array>
@@ -33,6 +34,7 @@ struct Passage {
   std::array<Event, max_crossings> event{};
   double elapsed = 0.0;  // [s] lived; less than asked for when the watch was met or the status is not usable
   bool met = false;      // the watch fell through zero at `elapsed`, and the point stands there
+  bool jumped = false;   // a reset carried the point through the watch, which was not met
 };
 
 // A watch is a surface that stops the interval without changing the state: value(m, C, x, u), falling through zero.
@@ -45,11 +47,11 @@ struct Landing {
 };
 
 namespace flow {
-// A leg: from the point to the first event, the watch or the end of the interval. `owed`: edges that tie with the event
-// which began the leg, one bit each.
+// A leg: from the point to the first event, the watch or the end of the interval. `tied`: another edge was met at the
+// same instant.
 template <class M, class C, class Watch>
 void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch, const Landing& landing, C c,
-         std::uint64_t& owed, Passage& r) noexcept {
+         bool& tied, Passage& r) noexcept {
   constexpr int n = C::dim;
   const auto f = [&](const Vec<n>& x) noexcept -> Vec<n> { return m.flow(c, x, u); };
   const double left = h - r.elapsed;
@@ -73,33 +75,24 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   Crossing<n> first;
   int edge = -1;
   Status status = Status::ok;
-  std::uint64_t tied = 0;
   std::uint64_t unarmed = 0;
+  tied = false;
 
   int index = 0;
   visit_each(typename M::Edges{}, [&](auto e) {
     using E = decltype(e);
     if constexpr (std::is_same_v<typename E::from, C>) {
-      const auto guard = [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); };
-      const std::uint64_t bit = std::uint64_t{1} << index;
-      Crossing<n> found;
-      if ((owed & bit) != 0 && guard(x0) <= 0.0 && guard(Vec<n>(x0 + f0 * moment)) <= 0.0) {
-        found.kind = Kind::crossed;
-        found.s = 0.0;
-        found.x = x0;
-      } else {
-        found = locate<n>(step, guard);
-      }
+      const Crossing<n> found = locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); });
       if (found.kind == Kind::escaped) status = worse(status, Status::escaped);
       if (found.kind == Kind::diverged) status = worse(status, Status::diverged);
-      if (found.kind == Kind::unarmed) unarmed |= bit;
+      if (found.kind == Kind::unarmed) unarmed |= std::uint64_t{1} << index;
       if (found.kind == Kind::none && found.grazing) r.status = worse(r.status, Status::grazing);
       if (found.kind == Kind::crossed && found.s < first.s - tie) {
         first = found;
         edge = index;
-        tied = 0;
+        tied = false;
       } else if (found.kind == Kind::crossed && found.s <= first.s + tie) {
-        tied |= bit;
+        tied = true;
       }
     }
     ++index;
@@ -109,7 +102,8 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     const Crossing<n> found =
         locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return watch.value(m, c, x, u); });
     // A section met at the same instant as an edge is met before it: the state handed out is the one on the section.
-    if (found.kind == Kind::crossed && found.s <= first.s + tie) {
+    // One that the step starts on has been met.
+    if (found.kind == Kind::crossed && found.s > 0.0 && found.s <= first.s + tie) {
       first = found;
       met = true;
     }
@@ -125,7 +119,6 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
       ++index;
     });
   }
-  owed = tied;
 
   if (!usable(status)) {
     r.status = worse(r.status, status);
@@ -157,6 +150,12 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
         return;
       }
       p.set(typename E::to{}, after);
+      if constexpr (!std::is_same_v<Watch, Unwatched>) {
+        const auto to = typename E::to{};
+        const Vec<E::to::dim> soon = after + m.flow(to, after, u) * moment;
+        const bool was_inside = watch.value(m, c, first.x, u) > 0.0;
+        r.jumped = r.jumped || (was_inside && watch.value(m, to, after, u) < 0.0 && watch.value(m, to, soon, u) < 0.0);
+      }
     }
   });
 }
@@ -171,9 +170,9 @@ Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watc
   static_assert(M::Edges::size <= 64);
   Passage r;
   if (!(h >= 0.0) || p.chart < 0 || p.chart >= M::Charts::size) r.status = Status::failed;
-  std::uint64_t owed = 0;
-  while (usable(r.status) && !r.met && (r.elapsed < h || owed != 0)) {
-    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, landing, c, owed, r); });
+  bool tied = false;
+  while (usable(r.status) && !r.met && (r.elapsed < h || tied)) {
+    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, landing, c, tied, r); });
   }
   return r;
 }

@@ -31,7 +31,7 @@ template <int N>
 struct Crossing {
   enum class Kind : unsigned char {
     none,
-    crossed,
+    crossed,   // at s = 0: the step starts on the guard, to rounding, and leaves through it
     unarmed,   // positive neither at the start nor a moment later: fine unless it ends below zero
     escaped,   // the whole interval began below zero
     diverged,  // the guard is not finite
@@ -75,7 +75,7 @@ inline Dip dip(double g0, double d0, double g1, double d1) noexcept {
 }
 }  // namespace crossing
 
-// First fall of `guard` through zero in (0, 1] of the step. `guard` maps a state (N) to a number, positive inside.
+// First fall of `guard` through zero in the step. `guard` maps a state (N) to a number, positive inside.
 template <int N, class F, class G>
 Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
   using Kind = typename Crossing<N>::Kind;
@@ -100,11 +100,19 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
   }
   double lo = 0.0;
   if (!(g0 > 0.0)) {
-    if (curve.h <= step.moment) return found;  // too short to tell: the next interval will
     lo = step.moment / curve.h;
-    if (!(on_curve(lo) > 0.0)) {
-      const bool whole = lo <= crossing::moment;
-      found.kind = whole && g0 < -crossing::outside * scale ? Kind::escaped : Kind::unarmed;
+    if (!(lo < 1.0 && on_curve(lo) > 0.0)) {  // unarmed
+      const double whole = step.moment / crossing::moment;
+      const double fall = g0 - guard(Vec<N>(curve.x0 + curve.f0 * whole));
+      if (fall > crossing::tangential * scale && -g0 <= crossing::outside * fall) {
+        found.kind = Kind::crossed;
+        found.s = 0.0;
+        found.x = curve.x0;
+      } else if (curve.h >= whole && g0 < -crossing::outside * scale) {
+        found.kind = Kind::escaped;
+      } else if (lo < 1.0) {
+        found.kind = Kind::unarmed;
+      }
       return found;
     }
   }

@@ -3,13 +3,15 @@
 // clock phases, else the one the surface depends on most. A[n] is not square where the dimension changes.
 #pragma once
 
+#include <algorithm>
+
 #include "../flow/linearise.hpp"
 #include "section.hpp"
 
 namespace saltus {
 
 template <class M>
-inline constexpr int section_dim = max_dim<M> - 1;  // largest dimension of a section
+inline constexpr int section_dim = std::max(max_dim<M> - 1, 1);  // room for the largest section; never none
 
 // The tangent space of a section at a point: gradient of the surface, and the coordinate left out.
 template <class M>
@@ -64,6 +66,7 @@ Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, co
       const Passage r = step(m, run, u, base, watch);
       worst = worse(worst, r.status);
       if (!usable(worst)) return worst;
+      if (r.jumped) return Status::failed;
       on_passage(from, r);
       if (r.met) return worst;
     }

@@ -12,7 +12,7 @@ namespace saltus::test {
 
 // Rows of cells, without the header, from tests/data/`name`. Fails the test where there are none.
 inline std::vector<std::vector<std::string>> table(const std::string& name) {
-  std::ifstream file(std::string(SALTUS_TEST_DATA) + "/" + name);
+  std::ifstream file(SALTUS_TEST_DATA "/" + name);
   std::vector<std::vector<std::string>> rows;
   std::string line;
   std::getline(file, line);

@@ -167,20 +167,28 @@ TEST_CASE("locate: a guard at zero at the start") {
     CHECK(found.kind == Kind::crossed);
     CHECK(std::abs(found.s - 0.4) < 1e-14);
   }
-  SECTION("and falling is not armed") {
-    CHECK(locate_in_time([](double t) { return -t; }).kind == Kind::unarmed);
+  SECTION("and falling, or a hair below it, fires at once") {
+    for (const double g0 : {0.0, -1e-18, -1e-11}) {
+      const auto found = locate_in_time([&](double t) { return g0 - t; });
+      CHECK(found.kind == Kind::crossed);
+      CHECK(found.s == 0.0);
+      CHECK(found.x[0] == 0.0);
+    }
+  }
+  SECTION("and falling from rest is not armed") {
+    CHECK(locate_in_time([](double t) { return t < 0.5 ? 0.0 : 0.5 - t; }).kind == Kind::unarmed);
   }
   SECTION("and staying there is not armed") {
     CHECK(locate_in_time([](double) { return 0.0; }).kind == Kind::unarmed);
   }
-  SECTION("in a remainder too short to tell, neither fires nor escapes") {
+  SECTION("in a remainder too short to tell, fires if it falls and waits if it rises") {
     const auto f = [](const Vec<1>&) { return Vec<1>(1.0); };
     const double h = 1.0 / 64.0;
-    for (const double rest : {0x1p-60, 0x1p-40, 0x1p-27}) {
-      for (const double sign : {-1.0, 1.0}) {
+    for (const double rest : {0.0, 0x1p-60, 0x1p-40, 0x1p-27}) {
+      for (const double sign : {-1.0, 0.0, 1.0}) {
         const auto found = locate_in_step<1>(
             f, Vec<1>(0.0), rest, [&](const Vec<1>& x) -> double { return sign * x[0] - 1e-18; }, h);
-        CHECK(found.kind == Kind::none);
+        CHECK(found.kind == (sign < 0.0 ? Kind::crossed : Kind::none));
       }
     }
   }
@@ -257,10 +265,10 @@ TEST_CASE("locate: a dip below zero and back within one step is found down to 1e
           const Vec<2> f0 = f(x0);
           const auto on_path = [&](double s) { return guard(rk4<2, double>(f, x0, f0, s * h)); };
           double bottom = 0.0;
-          for (int i = 1; i <= 1000; ++i) bottom = on_path(i / 1000.0) < on_path(bottom) ? i / 1000.0 : bottom;
-          double left = std::fmax(0.0, bottom - 1e-3);
-          double right = std::fmin(1.0, bottom + 1e-3);
-          for (int i = 0; i < 100; ++i) {
+          for (int i = 1; i <= 50; ++i) bottom = on_path(i / 50.0) < on_path(bottom) ? i / 50.0 : bottom;
+          double left = std::fmax(0.0, bottom - 0.02);
+          double right = std::fmin(1.0, bottom + 0.02);
+          for (int i = 0; i < 40; ++i) {
             const double third = (right - left) / 3.0;
             if (on_path(left + third) < on_path(right - third)) {
               right -= third;

@@ -187,6 +187,17 @@ TEST_CASE("orbit: closed forms") {
       }
     }
   }
+  SECTION("a relaxation oscillator, whose section is a point") {
+    const Relaxation<> m;
+    const double period = m.tau * (std::log((1.0 - m.low) / (1.0 - m.high)) + std::log(m.high / m.low));
+    Ldtp<1, 1, 1, 1> system;
+    const auto orbit = find_orbit<1>(m, Timebase{1.0, 512}, AtEdge<relaxation::Full>{}, system, 3);
+    REQUIRE(orbit.status == Status::ok);
+    CHECK(std::abs(orbit.period - period) < 1e-10);
+    CHECK(orbit.events == 2);
+    CHECK(system.dim[0] == 0);
+    CHECK(system.monodromy(0)(0, 0) == 0.0);
+  }
   SECTION("an unstable orbit, which Newton's method finds and settling does not") {
     Metronome<> m;
     m.keep = 2.0;

@@ -39,6 +39,37 @@ void onto(const M& m, const Family& family, int index, Point<M>& p, int out) {
   });
 }
 
+// An angle that decreases, and leaps from -1 to -2: sections between are never met.
+struct Before : Chart<1> {};
+struct Beyond : Chart<1> {};
+struct Leap : Edge<Before, Beyond> {};
+struct Home : Edge<Beyond, Before> {};
+template <class S = double>
+struct Leaper {
+  using X = Vec<1, S>;
+  using U = Vec<0, S>;
+  using Charts = List<Before, Beyond>;
+  using Edges = List<Leap, Home>;
+  static constexpr std::string_view name = "leaper";
+  static constexpr std::array<Quantity, 0> inputs{};
+  static constexpr std::array outputs{Quantity{"p", "-"}, Quantity{"v", "-"}};
+  static constexpr auto parameters() { return std::array<Parameter<Leaper, S>, 0>{}; }
+  template <class C>
+  X flow(C, const X&, const U&) const noexcept {
+    return X(S(-1.0));
+  }
+  S guard(Leap, const X& x, const U&) const noexcept { return x[0] + 1.0; }
+  S guard(Home, const X& x, const U&) const noexcept { return x[0] + 2.0 * std::numbers::pi; }
+  X reset(Leap, const X& x, const U&) const noexcept { return X(x[0] - 1.0); }
+  X reset(Home, const X&, const U&) const noexcept { return X(S(0.0)); }
+  template <class C>
+  Vec<2, S> output(C, const X& x, const U&) const noexcept {
+    return {cos(x[0]), sin(x[0])};
+  }
+  Start<Before, S> start() const noexcept { return {X(S(-0.1))}; }
+};
+static_assert(check<Leaper<>>());
+
 // A section that is never met.
 struct Never {
   static constexpr bool on_grid = false;
@@ -205,6 +236,27 @@ TEST_CASE("section map: a section that is never met, and trouble on the way") {
   Run<Ball<>> bouncing;
   bouncing.at = start_of(ball);
   CHECK(to_next_section(ball, bouncing, 0, Vec<1>(0.0), Timebase{10.0, 64}, Never{}, [](auto...) {}) == Status::zeno);
+}
+
+TEST_CASE("section map: a section that a reset leaps over is not met a turn later") {
+  const Leaper<> m;
+  const Timebase base{1.0, 100};
+  const KinematicPhases eighths{8, 0, 1, 0.0, 0.0, 1.0, 1.0};
+  const double eighth = std::numbers::pi / 4.0;
+  Run<Leaper<>> run;
+  run.at = start_of(m);
+  REQUIRE(to_next_section(m, run, 0, Vec<0>(), base, eighths, [](auto...) {}) == Status::ok);
+  CHECK(std::abs(run.at.x[0] + eighth) < 1e-12);
+  CHECK(to_next_section(m, run, 1, Vec<0>(), base, eighths, [](auto...) {}) == Status::failed);
+  CHECK(run.at.chart == 1);
+  CHECK(run.time(base) < 1.0);
+  // The other seven are met in turn.
+  for (int index = 2; index < 8; ++index) {
+    REQUIRE(to_next_section(m, run, index, Vec<0>(), base, eighths, [](auto...) {}) == Status::ok);
+    CHECK(std::abs(std::remainder(run.at.x[0] + (index + 1) * eighth, 2.0 * std::numbers::pi)) < 1e-12);
+  }
+  Ldtp<1, 0, 2, 8> system;
+  CHECK(find_orbit<8>(m, base, eighths, system, 3).status == Status::failed);
 }
 
 TEST_CASE("section map: the tangent space of a section") {
