@@ -218,9 +218,8 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 
 // With --record the machine has been driven already: what would drive it does not apply.
 void check_record_options(const CLI::App& command) {
-  for (const char* option :
-       {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
-        "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
+  for (const char* option : {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
+                             "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
     if (command.count(option) == 0) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");

@@ -96,8 +96,9 @@ template <class M, class Family, class... Play>
 Identified identify_rig(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record,
                         Play&&... given) {
   Progress progress(std::string(M::name) + ", " + title_of(family));
-  const auto campaign = run_campaign(
-      m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
+  const auto campaign =
+      run_campaign(
+          m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
   if (campaign->orbit.status != Status::ok) {
     throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
   }
