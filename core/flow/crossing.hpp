@@ -38,7 +38,7 @@ struct Crossing {
   };
   Kind kind = Kind::none;
   bool grazing = false;  // the crossing, or a miss, is nearly tangential: its time is ill-conditioned
-  double s = 2.0;        // [-] fraction of the step
+  double s = 2.0;        // [-] fraction of the step; of a miss that grazes, its bottom
   Vec<N> x;              // the state at s, guard(x) <= 0
 };
 
@@ -103,8 +103,10 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
     lo = step.moment / curve.h;
     if (!(lo < 1.0 && on_curve(lo) > 0.0)) {  // unarmed
       const double whole = step.moment / crossing::moment;
-      const double fall = g0 - guard(Vec<N>(curve.x0 + curve.f0 * whole));
-      if (fall > crossing::tangential * scale && -g0 <= crossing::outside * fall) {
+      const auto falls = [&](double t) { return g0 - guard(Vec<N>(curve.x0 + curve.f0 * t)); };
+      const double fall = falls(whole);
+      const bool steady = falls(whole / 1024.0) > fall / 2048.0;  // at the start already, not only later
+      if (fall > crossing::tangential * scale && steady && -g0 <= crossing::outside * fall) {
         found.kind = Kind::crossed;
         found.s = 0.0;
         found.x = curve.x0;
@@ -132,6 +134,7 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
       const Vec<N> x = step.reintegrated(bottom);
       const double depth = guard(x);
       found.grazing = std::abs(depth) < crossing::doubtful_dip * scale;
+      if (found.grazing) found.s = bottom;
       if (!(depth > 0.0)) {
         hi = bottom;
         found.x = x;
@@ -140,7 +143,10 @@ Crossing<N> locate(const Step<N, F>& step, const G& guard) noexcept {
   }
   if (hi == 1.0 && g1 > 0.0) {
     // The bottom may lie where this step meets the next.
-    if (g1 < crossing::doubtful_dip * scale && std::abs(d1) < crossing::tangential * scale) found.grazing = true;
+    if (g1 < crossing::doubtful_dip * scale && std::abs(d1) < crossing::tangential * scale) {
+      found.grazing = true;
+      found.s = 1.0;
+    }
     return found;
   }
 

@@ -253,10 +253,12 @@ class TransferSearch<TransferFit<N, Stride, R, First, Taps>> {
     double damping = 0.0;
     for (int i = 0; i < refinements; ++i) {
       const Fit next = step(best, true, damping);
-      const bool done = damping < 1.0 && settled(best, next, 1e-10);     // more damping would settle anything
+      // A two-pole fit misfits, so its undamped steps need not shrink; the exact form must settle without damping.
+      const bool free = ridge_ > 0.0;
+      const bool done = (free ? damping == 0.0 : damping < 1.0) && settled(best, next, 1e-10);
       if (done || objective(next) <= objective(best) * (1.0 + 1e-12)) {  // a flat minimum rounds
         best = next;
-        damping = damping > 1e-9 ? 0.3 * damping : 0.0;
+        damping = damping > (free ? 1e-4 : 1e-9) ? (free ? 0.1 : 0.3) * damping : 0.0;
       } else {
         damping = std::max(1e-3, 10.0 * damping);
       }

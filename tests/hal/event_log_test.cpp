@@ -135,7 +135,7 @@ TEST_CASE("what was written before a process is killed is in the log") {
   for (std::size_t i = 0; i < events.size(); ++i) CHECK(events[i].data == payload(static_cast<int>(i)));
 }
 
-TEST_CASE("a log that cannot be had says which and what to do; a full disk costs no event that was written") {
+TEST_CASE("a log that cannot be had says which and what to do, and a full disk costs no event that was written") {
   CHECK_THROWS_AS(EventLogReader("/nowhere/x.lcm"), LogError);
   CHECK_THROWS_AS(EventLogReader("/"), LogError);
   CHECK_THROWS_AS(EventLogWriter("/nowhere/x.lcm"), LogError);

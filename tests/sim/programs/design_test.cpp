@@ -110,7 +110,7 @@ TEST_CASE("Twenty experiments of 31 tones cover all 620 lines, and no two tones 
   CHECK(i == 620);
 }
 
-TEST_CASE("The paper's 80 random subsets obey the rules; fewer than 20 are refused with the reason") {
+TEST_CASE("The paper's 80 random subsets obey the rules, and fewer than 20 are refused with the reason") {
   const Folder folder;
   REQUIRE(folder.run({"design", "--subsets", "80", "--csv", "a.csv"}).status == 0);
   const auto rows = table(folder.read("a.csv"));

@@ -197,7 +197,7 @@ TEST_CASE("Tones that clash are left out and named, and the others stay") {
   CHECK(after.lines(0, "y_M") == lines);
 }
 
-TEST_CASE("One period gives values without standard errors; its gaps are named") {
+TEST_CASE("One period gives values without standard errors, and its gaps are named") {
   const Folder folder;
   Sheet sheet = Sheet::small();
   sheet.rows.resize(104 * 32);

@@ -73,7 +73,7 @@ TEST_CASE("an experimenter waits for a rig, is refused a foreign model, a held m
   CHECK(silent.err.find("no machine answers") != std::string::npos);
 }
 
-TEST_CASE("a killed rig or experimenter loses no logged data; a restarted rig lets the experiment begin again") {
+TEST_CASE("a killed rig or experimenter loses no logged data, and a restarted rig lets the experiment begin again") {
   SALTUS_OWN_NETWORK();
   const Folder f;
   REQUIRE(f.run(short_campaign({"--json", "here.json", "--settle", "400"})).status == 0);
@@ -105,7 +105,7 @@ TEST_CASE("a killed rig or experimenter loses no logged data; a restarted rig le
   CHECK(rig.end(SIGINT).status == 0);
 }
 
-TEST_CASE("paced, a rig and an experimenter keep time; without the experimenter the rig goes to zero and stops") {
+TEST_CASE("paced, a rig and an experimenter keep time, and without the experimenter the rig goes to zero and stops") {
   SALTUS_OWN_NETWORK();
   const Folder f;
   Background rig(f, "rig", short_rig({"--rate", "1000", "--fail-safe", "200"}));
