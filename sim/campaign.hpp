@@ -41,6 +41,21 @@ struct Campaign {
   }
 };
 
+// How far from its cycle an output may be measured: beyond ten times the cycle's own size, root of the mean square, and
+// eight times the noise, a machine is somewhere else. Infinite for an output that the cycle does not move.
+template <class M>
+std::vector<double> cycle_bounds(const Orbit<M, campaign_sections>& orbit, const Output<M>& noise) {
+  std::vector<double> bounds;
+  for (int i = 0; i < output_count<M>; ++i) {
+    double mean = 0.0, square = 0.0;
+    for (const auto& y : orbit.output) mean += y[i] / campaign_sections;
+    for (const auto& y : orbit.output) square += (y[i] - mean) * (y[i] - mean) / campaign_sections;
+    const bool moves = square > 1e-18 * (1.0 + mean * mean);
+    bounds.push_back(moves ? 10.0 * std::sqrt(square) + 8.0 * noise[i] : std::numeric_limits<double>::infinity());
+  }
+  return bounds;
+}
+
 // Leaves the first `rows` of a record.
 inline void cut(Record& r, std::size_t rows) {
   r.experiment.resize(rows);
@@ -53,7 +68,7 @@ inline void cut(Record& r, std::size_t rows) {
 
 // Starts every experiment on the limit cycle. `record`, when given, receives every sample, settling included. Status:
 // of the orbit search when that failed, failed when the cycle does not attract so that no experiment would settle
-// (nothing is identified then), else the worst the machine reported.
+// (nothing is identified then) or when the machine left it, else the worst the machine reported.
 // `play(experiment, rig, stimulus, spectrum, samples, settle, estimator, on_sample)` plays one and returns its status;
 // it may begin one again, and the rig is for who wants one in this process.
 template <class M, class Family, class Play>
@@ -94,6 +109,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     for (int i = 0; i < ny; ++i) s[static_cast<std::size_t>(i)] = y[i];
     baseline.push_back(s);
   }
+  const std::vector<double> bound = cycle_bounds(c.orbit, noise);
   const auto twiddles = std::make_unique<Twiddles<256 * 512>>();
   const int length = plan.options.sections * plan.options.period;
   if (!twiddles->configure(length)) {
@@ -121,7 +137,10 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
       return campaign;
     }
     const std::size_t rows = record == nullptr ? 0 : record->rows();
+    bool near = true;
     const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
+      const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
+      for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
       if (record == nullptr) return;
       if (n == 0) cut(*record, rows);
       record->experiment.push_back(static_cast<int>(e));
@@ -134,8 +153,8 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     const Status s =
         play(static_cast<std::int32_t>(e), rig, std::span<const double>(stimulus), std::span<const Complex>(u), samples,
              o.settle * plan.options.sections, *estimator, on_sample);
-    c.id.worst = worse(c.id.worst, s);
-    if (!usable(s)) return campaign;
+    c.id.worst = worse(c.id.worst, near ? s : worse(s, Status::failed));
+    if (!usable(c.id.worst)) return campaign;
     c.id.samples += o.periods * length;
     collect(*estimator, u, 0, ny, c.id, line_noise);
     if (progress) progress(static_cast<double>(e + 1) / static_cast<double>(plan.experiments.size()));
