@@ -160,7 +160,7 @@ TEST_CASE("Noise has the size asked for, is white and independent, and is told b
   }
 }
 
-TEST_CASE("Started over, a rig stands where it stood; each experiment has noise of its own") {
+TEST_CASE("Started over, a rig stands where it stood, and each experiment has noise of its own") {
   const Cycle<ClockPhases> cycle;
   auto rig = cycle.rig(1e-3, 0.0, 9);
   const auto run = [&](std::int32_t experiment) {
