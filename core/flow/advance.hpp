@@ -72,7 +72,8 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, moment};
   using Kind = typename Crossing<n>::Kind;
   constexpr double tie = 0x1p-43;  // [-] of the step: crossings closer than this are simultaneous
-  Crossing<n> first;
+  Crossing<n> first;  // or the end
+  first.x = end;
   int edge = -1;
   Status status = Status::ok;
   std::uint64_t unarmed = 0;
@@ -109,7 +110,6 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     }
   }
   const bool ends = !met && edge < 0;
-  if (ends) first.x = end;
   if (unarmed != 0) {
     index = 0;
     visit_each(typename M::Edges{}, [&](auto e) {
