@@ -85,11 +85,22 @@ Mat<N, N> magnitude(const Leg<N>& leg) noexcept {
   return leg.Phi.cwiseAbs() + leg.f1.cwiseAbs() * time_to_impact_gradient(leg).cwiseAbs().transpose();
 }
 
+// Of a reset: a derivative is known to the rounding of its states at best, however small it is itself.
+template <int N>
+Mat<N, N> magnitude(const EdgeMap<N>& map) noexcept {
+  Mat<N, N> r = map.reset.cwiseAbs();
+  if (map.edge < 0) return r;
+  for (int i = 0; i < map.leg.dim; ++i) {
+    for (int j = 0; j < map.dim; ++j) r(i, j) += std::abs(map.leg.x0[i]) / (1.0 + std::abs(map.x[j]));
+  }
+  return r;
+}
+
 template <int N>
 Measured<N> measured_return_map(const Cycle<N>& coarse, const Cycle<N>& fine, int q) noexcept {
   Mat<N, N> size = onto_guard(fine, q).cwiseAbs();
   for (int j = 0; j < fine.count; ++j) {
-    size = (magnitude(fine[q + j].leg) * (fine[q + j].reset.cwiseAbs() * size)).eval();
+    size = (magnitude(fine[q + j].leg) * (magnitude(fine[q + j]) * size)).eval();
   }
   return measured<N>(return_map(coarse, q) * onto_guard(coarse, q), return_map(fine, q) * onto_guard(fine, q), size);
 }
@@ -151,11 +162,11 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
     const Mat<N, N> tangent = onto_guard(fine, j);
     const Mat<N, N> tangent_coarse = onto_guard(coarse, j);
     const auto reset =
-        measured<N>(coarse[j].reset * tangent_coarse, map.reset * tangent, map.reset.cwiseAbs() * tangent.cwiseAbs());
+        measured<N>(coarse[j].reset * tangent_coarse, map.reset * tangent, orbit::magnitude(map) * tangent.cwiseAbs());
     const Decomposition<N> svd = decompose<N>(reset.value);
     e.reset = orbit::decide(svd.sigma, reset.tolerance);
     const auto p = measured<N>(coarse[j].derivative() * tangent_coarse, map.derivative() * tangent,
-                               orbit::magnitude(map.leg) * (map.reset.cwiseAbs() * tangent.cwiseAbs()));
+                               orbit::magnitude(map.leg) * (orbit::magnitude(map) * tangent.cwiseAbs()));
     e.map = rank_of<N>(p.value, p.tolerance);
     e.guard_angle = transversality(fine.arrival(j));
     if (!e.reset.known() || !e.map.known()) {

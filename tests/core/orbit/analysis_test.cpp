@@ -154,6 +154,20 @@ TEST_CASE("analysis: what cannot be trusted is a doubt, not a number") {
   }
 }
 
+TEST_CASE("analysis: between a multiplier that counts and one that is zero lie those that cannot be told") {
+  std::string told;
+  for (double multiplier = 1e-9; multiplier > 1e-16; multiplier *= 0.5) {
+    Strobe<> m;
+    m.a = 2.0 + multiplier;
+    const auto p = pair_of(m);
+    const auto a = p->analysis();
+    REQUIRE((a.doubt == Doubt::none || a.doubt == Doubt::undecided_rank));
+    const char now = a.doubt != Doubt::none ? '?' : (a.guard[0].spectrum.nonzero > 0 ? '1' : '0');
+    if (told.empty() || told.back() != now) told += now;
+  }
+  CHECK(told == "1?0");
+}
+
 TEST_CASE("analysis: does not allocate") {
   const auto p = pair_of(worlds::Metronome<>{});
   const test::AllocationCount allocated;
