@@ -72,10 +72,11 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, moment};
   using Kind = typename Crossing<n>::Kind;
   constexpr double tie = 0x1p-43;  // [-] of the step: crossings closer than this are simultaneous
-  Crossing<n> first;  // or the end
+  Crossing<n> first;               // or the end
   first.x = end;
   int edge = -1;
   Status status = Status::ok;
+  double missed = 3.0;  // [-] of the step: where a guard nearly fell through zero
   std::uint64_t unarmed = 0;
   tied = false;
 
@@ -87,7 +88,7 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
       if (found.kind == Kind::escaped) status = worse(status, Status::escaped);
       if (found.kind == Kind::diverged) status = worse(status, Status::diverged);
       if (found.kind == Kind::unarmed) unarmed |= std::uint64_t{1} << index;
-      if (found.kind == Kind::none && found.grazing) r.status = worse(r.status, Status::grazing);
+      if (found.kind == Kind::none && found.grazing) missed = std::fmin(missed, found.s);
       if (found.kind == Kind::crossed && found.s < first.s - tie) {
         first = found;
         edge = index;
@@ -124,6 +125,7 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     r.status = worse(r.status, status);
     return;
   }
+  if (missed <= first.s) r.status = worse(r.status, Status::grazing);
   if (ends) {
     p.set(c, end);
     r.elapsed = h;

@@ -54,6 +54,29 @@ void evaluate_map(const M& m, double dt, double longest, const Watch& watch, Edg
   map.leg = follow_leg<N>(m, after, dt, longest, true, watch);
 }
 
+// Moves every state onto its guard, along the guard's gradient: a guess, or a step of Newton's method, lies beside it,
+// and a reset from there could end outside the next chart.
+template <class M, int N>
+void onto_guards(const M& m, Cycle<N>& cycle) noexcept {
+  for (int j = 0; j < cycle.count; ++j) {
+    EdgeMap<N>& map = cycle[j];
+    visit_at(typename M::Edges{}, map.edge, [&](auto e) {
+      constexpr int n = decltype(e)::from::dim;
+      using D = Dual<n>;
+      using LM = Rebind<M, D>;
+      const LM lifted = lift<D>(m);
+      for (int i = 0; i < 4; ++i) {
+        const Vec<n> x = map.x.template head<n>();
+        const D h = lifted.guard(e, variables<n, n>(x, 0), Input<LM>::Constant(D(0.0)));
+        double steepness = 0.0;
+        for (const double slope : h.gradient) steepness += slope * slope;
+        if (!(steepness > 0.0)) return;
+        for (int k = 0; k < n; ++k) map.x[k] -= h.gradient[static_cast<std::size_t>(k)] * (h.value / steepness);
+      }
+    });
+  }
+}
+
 // True when a leg from edge `after` ended on edge `expected`; else says in `search` what happened instead.
 template <int N>
 bool expected_end(const Leg<N>& leg, int after, int expected, Search& search) noexcept {
@@ -108,6 +131,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
   constexpr double floor = 1e-10;      // where it may stop because rounding lets it go no further
   Search search;
   search.dt = dt;
+  orbit::onto_guards(m, cycle);
   if (cycle.count < 1 || !orbit::evaluate(m, dt, longest, watch, cycle, search)) return search;
   for (search.iterations = 0; search.iterations < max_iterations; ++search.iterations) {
     if (search.residual <= tolerance) break;
@@ -135,6 +159,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     for (double share = 1.0; share > 0.01 && !better; share *= 0.5) {
       trial = cycle;
       for (int j = 0; j < cycle.count; ++j) trial[j].x += share * steps[static_cast<std::size_t>(j)];
+      orbit::onto_guards(m, trial);
       tried = search;
       better = orbit::evaluate(m, dt, longest, watch, trial, tried) && tried.residual < search.residual;
     }

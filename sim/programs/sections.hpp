@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "../../core/orbit/section.hpp"
+#include "../../core/status.hpp"
 #include "program.hpp"
 
 namespace saltus::program {
