@@ -2,7 +2,6 @@
 
 #include <Eigen/LU>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 
 #include <algorithm>
 #include <cmath>
@@ -10,6 +9,7 @@
 
 #include "core/random.hpp"
 #include "core/spectrum/fit.hpp"
+#include "singular_values.hpp"
 
 namespace saltus {
 namespace {
@@ -238,10 +238,10 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
     }
   }
   {  // A band leaves some combinations of taps free: those that it tells apart span the same responses.
-    const Eigen::BDCSVD<MatrixXd> svd(raw, Eigen::ComputeThinU);
+    const SingularValues svd = left_singular_vectors(raw);
     Index kept = 0;
-    while (kept < taps && svd.singularValues()[kept] > 1e-7 * svd.singularValues()[0]) ++kept;
-    p.taps = svd.matrixU().leftCols(kept);
+    while (kept < taps && svd.sigma[kept] > 1e-7 * svd.sigma[0]) ++kept;
+    p.taps = svd.u.leftCols(kept);
   }
   const Solution s = solve(p, VectorXd::Zero(o.count), 20);
   if (!s.ok) return region;

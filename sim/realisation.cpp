@@ -3,7 +3,6 @@
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <Eigen/QR>
-#include <Eigen/SVD>
 
 #include <algorithm>
 #include <cmath>
@@ -16,6 +15,7 @@
 #include "core/random.hpp"
 #include "core/spectrum/htf.hpp"
 #include "eigenvalues.hpp"
+#include "singular_values.hpp"
 
 namespace saltus {
 namespace {
@@ -167,8 +167,8 @@ std::vector<MatrixXd> observability(const std::vector<MatrixXcd>& g, const HtfTa
   std::vector<MatrixXd> basis;
   Index largest = 0;
   for (Index n = 0; n < t.sections; ++n) {
-    const Eigen::BDCSVD<MatrixXd> svd(projected(g, t.omega, n, scale), Eigen::ComputeThinU);
-    const auto& s = svd.singularValues();
+    const SingularValues svd = left_singular_vectors(projected(g, t.omega, n, scale));
+    const auto& s = svd.sigma;
     const double threshold = std::max(noise, o.tolerance * s[0]);
     Index dim = 0;
     if (dims != nullptr) {
@@ -178,7 +178,7 @@ std::vector<MatrixXd> observability(const std::vector<MatrixXcd>& g, const HtfTa
       if (o.order > 0) dim = std::min<Index>(dim, o.order);
       dim = std::max<Index>(dim, 1);
     }
-    basis.push_back(svd.matrixU().leftCols(dim));
+    basis.push_back(svd.u.leftCols(dim));
     if (dim > largest) {
       largest = dim;
       out.threshold = threshold;
@@ -211,8 +211,7 @@ double noise_level(const HtfTable& t, const Eigen::VectorXd& scale, Random& rand
   double level = 0.0;
   for (Index draw = 0; draw < 6; ++draw) {
     const auto e = gains(noise_like(t, random), t.sections);
-    const Eigen::BDCSVD<MatrixXd> svd(projected(e, t.omega, draw * t.sections / 6, scale), 0);
-    level = std::max(level, svd.singularValues()[0]);
+    level = std::max(level, singular_values(projected(e, t.omega, draw * t.sections / 6, scale)).sigma[0]);
   }
   return 1.05 * level;
 }
@@ -283,8 +282,7 @@ Realisation realise(const HtfTable& t, const RealisationOptions& o) {
   build(g, t, o, nullptr, noise, r);
 
   const int least = r.model.smallest_section();
-  const Eigen::BDCSVD<MatrixXd> svd(r.model.monodromy(least), 0);
-  for (Index i = 0; i < svd.singularValues().size(); ++i) r.rank += svd.singularValues()[i] > 1e-6 ? 1 : 0;
+  for (const double sigma : singular_values(r.model.monodromy(least)).sigma) r.rank += sigma > 1e-6 ? 1 : 0;
   r.multipliers = multipliers_at(r.model, least);
   for (int n = 0; n < t.sections; ++n) {
     const auto other = multipliers_at(r.model, n);

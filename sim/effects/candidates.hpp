@@ -14,6 +14,17 @@ struct OwnEffects {
 
 namespace effects {
 
+// The edges whose guards may be off: all, unless a model names those of its declared part as `OffsetEdges`.
+template <class M>
+struct OffsetEdgesOf {
+  using type = typename M::Edges;
+};
+template <class M>
+requires requires { typename M::OffsetEdges; }
+struct OffsetEdgesOf<M> {
+  using type = typename M::OffsetEdges;
+};
+
 template <class... Ls>
 struct Joined;
 template <class... As>
@@ -51,7 +62,7 @@ struct WithList<M, List<Es...>> {
 }  // namespace effects
 
 template <class M>
-using Candidates = typename effects::Gather<M, typename PortsOf<M>::type, typename M::Edges, typename OwnEffects<M>::type>::type;
+using Candidates = typename effects::Gather<M, typename PortsOf<M>::type, typename effects::OffsetEdgesOf<M>::type, typename OwnEffects<M>::type>::type;
 
 // The model with every candidate added, all of them zero: the model itself, but ready to be asked what it lacks.
 template <class M>

@@ -1,5 +1,5 @@
 // The hopper with ground and foot that may be other than declared: compliant (a spring and damper under the foot, so that
-// the foot moves while it stands) or elastic (the foot leaves with a part of its impact speed). Both zero: the hopper.
+// the foot moves while it stands) or elastic (the foot leaves with a part of its impact speed, hop after hop). Both zero: the hopper.
 #pragma once
 
 #include "../models/hopper.hpp"
@@ -11,7 +11,10 @@ namespace hopper {
 struct Contact : Chart<5>, Clock<2> {};  // Flight's coordinates, the foot in the ground
 struct Strike : Edge<Flight, Contact> {};
 struct Release : Edge<Contact, Flight> {};
-struct Bounce : Edge<Flight, Flight> {};
+struct Hop : Chart<6>, Clock<2> {};      // Flight's after a bounce, and the speed [m/s] at which the foot left
+struct Bounce : Edge<Flight, Hop> {};
+struct Rebound : Edge<Hop, Hop> {};
+struct Settle : Edge<Hop, Stance> {};
 }  // namespace hopper
 
 template <class S = double>
@@ -19,15 +22,18 @@ struct HopperOnGround {
   using Flight = hopper::Flight;
   using Stance = hopper::Stance;
   using Contact = hopper::Contact;
-  using Charts = List<Flight, Stance, Contact>;
-  using Edges = List<hopper::Touchdown, hopper::Liftoff, hopper::Strike, hopper::Release, hopper::Bounce>;
+  using Hop = hopper::Hop;
+  using Charts = List<Flight, Stance, Contact, Hop>;
+  using Edges = List<hopper::Touchdown, hopper::Liftoff, hopper::Strike, hopper::Release, hopper::Bounce,
+                     hopper::Rebound, hopper::Settle>;
+  using OffsetEdges = typename Hopper<S>::Edges;
   using Ports = typename Hopper<S>::Ports;
   using U = Vec<1, S>;
   static constexpr std::string_view name = Hopper<S>::name;
   static constexpr auto inputs = Hopper<S>::inputs;
   static constexpr auto outputs = Hopper<S>::outputs;
   static constexpr double damping_ratio = 3.0;  // [-] of the ground with the foot's mass
-  static constexpr double still = 1e-3;         // [m/s] slower than this the foot does not bounce
+  static constexpr double still = 2e-3;         // [m/s] a foot that left slower than this stays where it lands
 
   Hopper<S> h{};
   S compliance{};   // [m/N] 1 / stiffness of the ground
@@ -53,7 +59,7 @@ struct HopperOnGround {
   }
 
   bool soft() const noexcept { return value_of(compliance) > 0.0; }
-  bool bounces(const Vec<5, S>& x) const noexcept { return value_of(restitution) * std::abs(value_of(x[4])) > still; }
+  bool elastic() const noexcept { return value_of(restitution) > 0.0 && !soft(); }
   S stiffness() const noexcept { return 1.0 / compliance; }                              // [N/m]
   S damping() const noexcept { return 2.0 * damping_ratio * sqrt(stiffness() * h.m); }   // [N s/m]
   S ground(const Vec<5, S>& x) const noexcept { return -stiffness() * x[3] - damping() * x[4]; }  // [N] on the foot
@@ -70,18 +76,28 @@ struct HopperOnGround {
     f[4] += (ground(x) + h.b * x[4]) / h.m;  // the foot's drag acts in the air alone
     return f;
   }
-  S guard(hopper::Touchdown, const Vec<5, S>& x, const U&) const noexcept { return soft() || bounces(x) ? S(1.0) : x[3]; }
+  Vec<6, S> flow(Hop, const Vec<6, S>& x, const U& u) const noexcept {
+    return with_memory(h.flow(Flight{}, x.template head<5>(), u), S(0.0));
+  }
+  S guard(hopper::Touchdown, const Vec<5, S>& x, const U&) const noexcept { return soft() || elastic() ? S(1.0) : x[3]; }
   // A foot that rises out of the ground does not strike it.
   S guard(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept { return soft() && value_of(x[4]) < 0.0 ? x[3] : S(1.0); }
-  S guard(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept { return !soft() && bounces(x) ? x[3] : S(1.0); }
+  S guard(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept { return elastic() ? x[3] : S(1.0); }
+  // The speed at which a hop began tells how it ends: a guard that asked for the speed of the moment would jump.
+  S guard(hopper::Rebound, const Vec<6, S>& x, const U&) const noexcept { return value_of(x[5]) > still ? x[3] : S(1.0); }
+  S guard(hopper::Settle, const Vec<6, S>& x, const U&) const noexcept { return value_of(x[5]) > still ? S(1.0) : x[3]; }
   S guard(hopper::Liftoff e, const Vec<3, S>& x, const U& u) const noexcept { return h.guard(e, x, u); }
   S guard(hopper::Release, const Vec<5, S>& x, const U&) const noexcept { return ground(x); }
   Vec<3, S> reset(hopper::Touchdown e, const Vec<5, S>& x, const U& u) const noexcept { return h.reset(e, x, u); }
   Vec<5, S> reset(hopper::Liftoff e, const Vec<3, S>& x, const U& u) const noexcept { return h.reset(e, x, u); }
   Vec<5, S> reset(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept { return x; }
   Vec<5, S> reset(hopper::Release, const Vec<5, S>& x, const U&) const noexcept { return x; }
-  Vec<5, S> reset(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept {
-    return {x[0], x[1], x[2], x[3], -restitution * x[4]};
+  Vec<6, S> reset(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept { return thrown_back(x); }
+  Vec<6, S> reset(hopper::Rebound, const Vec<6, S>& x, const U&) const noexcept {
+    return thrown_back(x.template head<5>());
+  }
+  Vec<3, S> reset(hopper::Settle, const Vec<6, S>& x, const U& u) const noexcept {
+    return h.reset(hopper::Touchdown{}, x.template head<5>(), u);
   }
   template <class C>
   Vec<2, S> output(C, const Vec<C::dim, S>& x, const U&) const noexcept {
@@ -97,12 +113,26 @@ struct HopperOnGround {
     return h.port(p, Flight{}, x);
   }
   template <class P>
+  Motion<S, 6> port(P p, Hop, const Vec<6, S>& x) const noexcept {
+    const Motion<S, 5> f = h.port(p, Flight{}, x.template head<5>());
+    return {f.displacement, f.rate, with_memory(f.per_force, S(0.0))};
+  }
+  template <class P>
   requires(!std::is_same_v<P, hopper::Foot>) Motion<S, 3> port(P p, Stance c, const Vec<3, S>& x) const noexcept {
     return h.port(p, c, x);
   }
   S reaction(hopper::Leg p, hopper::Liftoff e) const noexcept { return h.reaction(p, e); }
 
   auto start() const { return h.start(); }
+
+ private:
+  static Vec<6, S> with_memory(const Vec<5, S>& x, const S& memory) noexcept {
+    return {x[0], x[1], x[2], x[3], x[4], memory};
+  }
+  Vec<6, S> thrown_back(const Vec<5, S>& x) const noexcept {
+    const S speed = -restitution * x[4];
+    return {x[0], x[1], x[2], x[3], speed, speed};
+  }
 };
 static_assert(check<HopperOnGround<>>());
 
