@@ -142,6 +142,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   guess_starts(p, data, record.name);
   refuse_nonsense(p, data, record.name);
   p.h_max = choose_step(p);
+  p.h_slope = std::min(spacing, 4.0 * p.h_max);
   clock.lap("reading the record");
   progress(0.02, "fitting the declared model");
 
@@ -223,7 +224,13 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   } else {
     chosen = search.run([&](double f) { progress(f, "tracing the residual"); });
     clock.lap("searching for effects");
-    if (!chosen.effects.empty()) swaps = search.swap_twins(chosen);
+    for (int round = 0; round < 3 && !chosen.effects.empty(); ++round) {  // a twin may turn out to be the better one
+      swaps = search.swap_twins(chosen);
+      const Trial& settled = search.settle();
+      const bool same = settled.effects == chosen.effects;
+      chosen = settled;
+      if (same) break;
+    }
     after = search.gate(chosen.fit);
     clock.lap("looking for twins");
     d.verdict = after.passes() && !chosen.effects.empty() ? Verdict::effect_found : Verdict::unexplained;

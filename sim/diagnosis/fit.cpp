@@ -6,6 +6,8 @@
 #include <cmath>
 #include <limits>
 
+#include "side_by_side.hpp"
+
 namespace saltus::diagnosis {
 namespace {
 
@@ -19,35 +21,38 @@ Eigen::VectorXd weights(const Data& data, const Segment& s) {
   return w;
 }
 
-Response respond(const Problem& p, const Segment& s, std::span<const double> values, const Start& start,
-                 std::span<const int> wanted) {
-  ++p.runs;
-  return p.machine->run(values, s.course(p.h_max), start, wanted, true);
-}
 Response respond(const Problem& p, const Segment& s, std::span<const double> values, const Start& start) {
-  ++p.runs;
   return p.machine->values_only(values, s.course(p.h_max), start);
+}
+Response sensitivities(const Problem& p, const Segment& s, std::span<const double> values, const Start& start,
+                       std::span<const int> wanted) {
+  return p.machine->run(values, s.course(std::max(p.h_max, p.h_slope)), start, wanted, true);
 }
 
 struct Arrow {                // normal equations of one segment, its start apart
   Eigen::MatrixXd ss, sg;     // (starts x starts), (starts x free)
   Eigen::VectorXd s;          // (starts)
+  Eigen::MatrixXd J;          // (rows x starts + free) whitened sensitivities
 };
 
 struct Normal {
   std::vector<Arrow> arrows;
   Eigen::MatrixXd gg;
   Eigen::VectorXd g;
-  double chi2 = 0.0, start_penalty = 0.0;
   bool ok = true;
   Status status = Status::ok;
 };
 
-
+// Whitened residuals of the segments at a fit, and what they sum to.
 struct Cost {
+  std::vector<Eigen::VectorXd> r;  // (segments)(rows)
   double chi2 = 0.0, start_penalty = 0.0;
   bool ok = true;
   Status status = Status::ok;
+
+  double total(const Fit& f) const {
+    return ok ? chi2 + start_penalty + f.penalty : std::numeric_limits<double>::infinity();
+  }
 };
 
 double start_penalty(const Problem& p, const Segment& s, const Start& start) {
@@ -63,81 +68,101 @@ double start_penalty(const Problem& p, const Segment& s, const Start& start) {
 
 Cost cost_of(const Problem& p, const std::vector<int>& segments, const Fit& f) {
   Cost c;
-  for (const int index : segments) {
-    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
-    const Start& start = f.start[static_cast<std::size_t>(index)];
-    const Response y = respond(p, s, f.values, start);
-    c.status = worse(c.status, y.status);
-    if (!usable(y.status)) {
+  c.r.resize(segments.size());
+  std::vector<Status> status(segments.size(), Status::ok);
+  side_by_side(segments.size(), [&](std::size_t j) {
+    const auto index = static_cast<std::size_t>(segments[j]);
+    const Segment& s = p.data->segments[index];
+    const Response y = respond(p, s, f.values, f.start[index]);
+    status[j] = y.status;
+    if (!usable(y.status)) return;
+    c.r[j] = weights(*p.data, s).cwiseProduct(s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size()));
+  });
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    const auto index = static_cast<std::size_t>(segments[j]);
+    c.status = worse(c.status, status[j]);
+    if (!usable(status[j])) {
       c.ok = false;
       return c;
     }
-    c.chi2 += weights(*p.data, s).cwiseProduct(s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size())).squaredNorm();
-    c.start_penalty += start_penalty(p, s, start);
+    c.chi2 += c.r[j].squaredNorm();
+    c.start_penalty += start_penalty(p, p.data->segments[index], f.start[index]);
   }
   c.ok = std::isfinite(c.chi2);
   return c;
 }
 
-Normal normal_equations(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+// The right-hand sides for these residuals, with the sensitivities that are there.
+void renew_gradient(const Problem& p, const std::vector<int>& segments, const Fit& f, const Cost& cost, Normal& n) {
+  const Eigen::Index n_start = p.machine->starts();
+  n.g.setZero();
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    Arrow& a = n.arrows[j];
+    const Segment& s = p.data->segments[static_cast<std::size_t>(segments[j])];
+    const Start& start = f.start[static_cast<std::size_t>(segments[j])];
+    const Eigen::VectorXd g = a.J.transpose() * cost.r[j];
+    a.s = g.head(n_start);
+    n.g += g.tail(n.g.size());
+    const auto coordinates = p.machine->free_coordinates(start.chart);
+    for (std::size_t k = 0; k < coordinates.size() && s.guess.chart == start.chart; ++k) {
+      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      const auto c = static_cast<std::size_t>(coordinates[k]);
+      a.s[static_cast<Eigen::Index>(k)] -= (start.x[c] - s.guess.x[c]) / (spread * spread);
+    }
+  }
+}
+
+// Sensitivities at a fit whose residuals are known.
+Normal normal_equations(const Problem& p, const std::vector<int>& segments, const Fit& f, const Cost& cost) {
   const Data& data = *p.data;
   const auto n_free = static_cast<Eigen::Index>(f.free.size());
   const Eigen::Index n_start = p.machine->starts();
   Normal n;
   n.gg = Eigen::MatrixXd::Zero(n_free, n_free);
   n.g = Eigen::VectorXd::Zero(n_free);
-  const int at_once = p.machine->directions();
-  for (const int index : segments) {
-    const Segment& s = data.segments[static_cast<std::size_t>(index)];
-    const Start& start = f.start[static_cast<std::size_t>(index)];
+  n.arrows.resize(segments.size());
+  std::vector<Status> status(segments.size(), Status::ok);
+  side_by_side(segments.size(), [&](std::size_t j) {
+    const auto index = static_cast<std::size_t>(segments[j]);
+    const Segment& s = data.segments[index];
     const Eigen::VectorXd w = weights(data, s);
-    const auto rows = s.y.size();
-    Eigen::MatrixXd J(rows, n_start + n_free);
-    Eigen::VectorXd r;
+    Arrow& a = n.arrows[j];
+    a.J.resize(s.y.size(), n_start + n_free);
+    const int at_once = p.machine->directions();
     for (Eigen::Index from = 0; from == 0 || from < n_free; from += at_once) {
       const Eigen::Index count = std::min<Eigen::Index>(at_once, n_free - from);
       const std::span<const int> wanted(f.free.data() + from, static_cast<std::size_t>(count));
-      const Response y = respond(p, s, f.values, start, wanted);
-      n.status = worse(n.status, y.status);
-      if (!usable(y.status)) {
-        n.ok = false;
-        return n;
-      }
-      const Eigen::Map<const RowMajor> all(y.gradient.data(), rows, p.machine->width());
-      if (from == 0) {
-        J.leftCols(n_start) = w.asDiagonal() * all.leftCols(n_start);
-        r = w.cwiseProduct(s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), rows));
-      }
-      J.middleCols(n_start + from, count) = w.asDiagonal() * all.middleCols(n_start, count);
+      const Response y = sensitivities(p, s, f.values, f.start[index], wanted);
+      status[j] = worse(status[j], y.status);
+      if (!usable(y.status)) return;
+      const Eigen::Map<const RowMajor> all(y.gradient.data(), s.y.size(), p.machine->width());
+      if (from == 0) a.J.leftCols(n_start) = w.asDiagonal() * all.leftCols(n_start);
+      a.J.middleCols(n_start + from, count) = w.asDiagonal() * all.middleCols(n_start, count);
     }
-    if (!r.allFinite() || !J.allFinite()) {
+    if (!a.J.allFinite()) status[j] = Status::diverged;
+  });
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    n.status = worse(n.status, status[j]);
+    if (!usable(status[j])) {
       n.ok = false;
       return n;
     }
-    n.chi2 += r.squaredNorm();
+    Arrow& a = n.arrows[j];
+    const Segment& s = data.segments[static_cast<std::size_t>(segments[j])];
     Eigen::MatrixXd full = Eigen::MatrixXd::Zero(n_start + n_free, n_start + n_free);
-    full.selfadjointView<Eigen::Lower>().rankUpdate(J.transpose());
+    full.selfadjointView<Eigen::Lower>().rankUpdate(a.J.transpose());
     full.triangularView<Eigen::StrictlyUpper>() = full.transpose();
-    const Eigen::VectorXd g = J.transpose() * r;
-    Arrow a{full.topLeftCorner(n_start, n_start), full.topRightCorner(n_start, n_free), g.head(n_start)};
-    const auto coordinates = p.machine->free_coordinates(start.chart);
+    a.ss = full.topLeftCorner(n_start, n_start);
+    a.sg = full.topRightCorner(n_start, n_free);
+    n.gg += full.bottomRightCorner(n_free, n_free);
+    const auto coordinates = p.machine->free_coordinates(f.start[static_cast<std::size_t>(segments[j])].chart);
     for (Eigen::Index i = 0; i < n_start; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      if (k >= coordinates.size()) {
-        a.ss(i, i) = 1.0;  // a direction this chart does not have
-        continue;
-      }
       const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
-      const auto c = static_cast<std::size_t>(coordinates[k]);
-      const double off = s.guess.chart == start.chart ? start.x[c] - s.guess.x[c] : 0.0;
-      a.ss(i, i) += 1.0 / (spread * spread);
-      a.s[i] -= off / (spread * spread);
+      a.ss(i, i) += k < coordinates.size() ? 1.0 / (spread * spread) : 1.0;  // 1: a direction this chart does not have
     }
-    n.start_penalty += start_penalty(p, s, start);
-    n.gg += full.bottomRightCorner(n_free, n_free);
-    n.g += g.tail(n_free);
-    n.arrows.push_back(std::move(a));
   }
+  renew_gradient(p, segments, f, cost, n);
   return n;
 }
 
@@ -201,18 +226,22 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
     if (std::find(f.free.begin(), f.free.end(), e) == f.free.end()) f.free.push_back(e);
   }
   const auto n_free = static_cast<Eigen::Index>(f.free.size());
-  Normal n = normal_equations(p, segments, f);
-  f.status = n.status;
+  Cost now = cost_of(p, segments, f);
+  f.status = now.status;
   f.converged = false;
   f.iterations = 0;
-  f.chi2 = n.chi2;
+  f.chi2 = now.chi2;
   f.penalty = penalty_of(p, f.values);
-  if (!n.ok) {
+  Normal n;
+  if (now.ok) n = normal_equations(p, segments, f, now);
+  if (!now.ok || !n.ok) {
+    f.status = worse(f.status, n.status);
     f.chi2 = std::numeric_limits<double>::infinity();
     return f;
   }
-  double cost = n.chi2 + n.start_penalty + f.penalty;
+  double cost = now.total(f);
   double damping = 0.0;
+  bool fresh = true;  // the sensitivities are those of the present values
   Eigen::MatrixXd h;
   Eigen::VectorXd g;
   std::vector<Eigen::MatrixXd> back;
@@ -283,30 +312,48 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
         start.x[static_cast<std::size_t>(coordinates[i])] += move[static_cast<Eigen::Index>(i)];
       }
     }
-    const Cost trial = cost_of(p, segments, next);
+    Cost trial = cost_of(p, segments, next);
     next.penalty = penalty_of(p, next.values);
-    const double next_cost = trial.ok ? trial.chi2 + trial.start_penalty + next.penalty
-                                      : std::numeric_limits<double>::infinity();
-    if (next_cost < cost) {
-      const double fell = cost - next_cost;
+    const double next_cost = trial.total(next);
+    const double fell = cost - next_cost;
+    if (fell > 0.0) {
+      // What a linear problem would have fallen by, with all starts moved along.
+      double foreseen = step.dot(g);
+      for (std::size_t j = 0; j < segments.size(); ++j) foreseen += back_r[j].dot(n.arrows[j].s);
       f = std::move(next);
       f.chi2 = trial.chi2;
       f.status = trial.status;
       cost = next_cost;
+      now = std::move(trial);
       damping = damping < 1e-3 ? 0.0 : damping / 8.0;
       fails = 0;
-      if (fell < options.enough) {
+      if (fell < options.enough && (fresh || options.brief)) {
         f.converged = true;
         break;
       }
-      n = normal_equations(p, segments, f);
-      if (!n.ok) break;
+      // Nearly linear: the same sensitivities serve again, at a fraction of the cost.
+      fresh = !(damping == 0.0 && fell >= options.enough && std::abs(fell - foreseen) < 0.2 * foreseen);
     } else {
-      if (next_cost - cost < options.enough || ++fails > 6) {
-        f.converged = next_cost - cost < options.enough;
+      if (fresh && (-fell < options.enough || ++fails > 6)) {
+        f.converged = -fell < options.enough;
         break;
       }
-      damping = std::max(1e-3, damping * 10.0);
+      if (fresh) {
+        damping = std::max(1e-3, damping * 10.0);
+        continue;
+      }
+      if (options.brief) {
+        f.converged = true;
+        break;
+      }
+      fresh = true;
+    }
+    if (fresh) {
+      Normal next_n = normal_equations(p, segments, f, now);
+      if (!next_n.ok) break;
+      n = std::move(next_n);
+    } else {
+      renew_gradient(p, segments, f, now, n);
     }
   }
   reduce(n, 0.0, h, g, back, back_r);
@@ -320,15 +367,15 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
 
 std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>& segments, const Fit& f) {
   std::vector<Eigen::VectorXd> r(p.data->segments.size());
-  for (const int index : segments) {
-    const auto k = static_cast<std::size_t>(index);
+  side_by_side(segments.size(), [&](std::size_t j) {
+    const auto k = static_cast<std::size_t>(segments[j]);
     const Segment& s = p.data->segments[k];
     const Response y = respond(p, s, f.values, f.start[k]);
     r[k] = s.y - Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size());
     for (Eigen::Index i = 0; i < r[k].size(); ++i) {
       if (!(s.count[i] > 0.0)) r[k][i] = 0.0;
     }
-  }
+  });
   return r;
 }
 
@@ -356,22 +403,20 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
   out.r.resize(rows);
   const Eigen::Index n_start = p.machine->starts();
   const auto at_once = static_cast<std::size_t>(p.machine->directions());
-  for (std::size_t j = 0; j < segments.size(); ++j) {
+  side_by_side(segments.size(), [&](std::size_t j) {
     const Segment& s = data.segments[static_cast<std::size_t>(segments[j])];
     const Start& start = f.start[static_cast<std::size_t>(segments[j])];
     const Eigen::VectorXd w = weights(data, s);
     const Eigen::Index n = s.y.size(), top = out.offset[j];
+    const Response here = respond(p, s, f.values, start);
+    const Eigen::VectorXd y0 = Eigen::Map<const Eigen::VectorXd>(here.y.data(), n);
+    out.r.segment(top, n) = w.cwiseProduct(s.y - y0);
     Eigen::MatrixXd S;
-    Eigen::VectorXd y0;
     for (std::size_t from = 0; from < std::max<std::size_t>(1, all.size()); from += at_once) {
       const std::size_t count = std::min(at_once, all.size() - from);
-      const Response y = respond(p, s, f.values, start, {all.data() + from, count});
+      const Response y = sensitivities(p, s, f.values, start, {all.data() + from, count});
       const Eigen::Map<const RowMajor> gradient(y.gradient.data(), n, p.machine->width());
-      if (from == 0) {
-        S = w.asDiagonal() * gradient.leftCols(n_start);
-        y0 = Eigen::Map<const Eigen::VectorXd>(y.y.data(), n);
-        out.r.segment(top, n) = w.cwiseProduct(s.y - y0);
-      }
+      if (from == 0) S = w.asDiagonal() * gradient.leftCols(n_start);
       G.block(top, static_cast<Eigen::Index>(from), n, static_cast<Eigen::Index>(count)) =
           w.asDiagonal() * gradient.middleCols(n_start, static_cast<Eigen::Index>(count));
     }
@@ -394,7 +439,7 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
     const Eigen::MatrixXd part = G.middleRows(top, n);
     G.middleRows(top, n) -= S * solver.solve(S.transpose() * part);
     out.r.segment(top, n) -= S * solver.solve(S.transpose() * out.r.segment(top, n));
-  }
+  });
   out.N = G.leftCols(n_nuisance);
   out.C = G.rightCols(static_cast<Eigen::Index>(out.candidates.size()));
   return out;

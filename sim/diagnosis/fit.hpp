@@ -16,8 +16,8 @@ struct Problem {
   const Machine* machine = nullptr;
   const Data* data = nullptr;
   std::vector<double> tolerance;  // (declared) standard deviation of each; 0 = exact
-  double h_max = 0.0;             // [s]
-  mutable long runs = 0;          // of a segment, for the account of time
+  double h_max = 0.0;             // [s] longest step of a prediction
+  double h_slope = 0.0;           // [s] longest step of its sensitivities, of which three digits are enough
 };
 
 struct Fit {
@@ -38,6 +38,7 @@ struct FitOptions {
   bool refit_parameters = true;  // false: declared values, only the starts and the effects move
   int iterations = 14;
   double enough = 0.05;  // stop when the cost falls by less
+  bool brief = false;    // do not ask for fresh sensitivities before stopping
 };
 
 // `segments`: which to use. `from`: a fit to start at.

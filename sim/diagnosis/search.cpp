@@ -118,7 +118,8 @@ const Trial& Search::explore(const std::vector<int>& from, int added, double est
   t.fit.chi2 = std::numeric_limits<double>::infinity();
   // Several starts: a few steps each on part of the data, then the best one on all of it.
   std::vector<int> part = segments_;
-  FitOptions brief;
+  FitOptions brief, quick;
+  quick.brief = brief.brief = true;
   if (guesses.size() > 1) {
     if (part.size() > 3) part.resize(3);
     brief.iterations = 4;
@@ -129,10 +130,10 @@ const Trial& Search::explore(const std::vector<int>& from, int added, double est
     double v = c.nominal + guess;
     if (c.shifts_time) v = std::clamp(v, 0.0, 0.1 * p_.machine->cycle_period);
     f.values[static_cast<std::size_t>(added)] = v;
-    f = fit(p_, part, f, set, brief);
+    f = fit(p_, part, f, set, guesses.size() > 1 ? brief : quick);
     if (f.cost() < t.fit.cost()) t.fit = std::move(f);
   }
-  if (guesses.size() > 1) t.fit = fit(p_, segments_, t.fit, set);
+  if (guesses.size() > 1) t.fit = fit(p_, segments_, t.fit, set, quick);
   return store(std::move(t));
 }
 
@@ -227,6 +228,10 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     if (!(best().bic < before)) break;
   }
+  return settle();
+}
+
+const Trial& Search::settle() {
   // Backward: an effect that no longer earns its place goes.
   for (bool again = true; again;) {
     again = false;

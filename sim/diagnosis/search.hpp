@@ -38,6 +38,9 @@ class Search {
   // Looks for effects until the gate passes, the gain stops, or there are four. Returns the best trial.
   const Trial& run(const std::function<void(double)>& progress);
 
+  // The best trial there is, without what does not earn its place in it.
+  const Trial& settle();
+
   // Exchanges each effect of a trial for its near twins, so that ties are found; cosines to those tried.
   struct Swap {
     int from = -1, to = -1;

@@ -4,7 +4,6 @@
 #include "../diagnosis/diagnosis.hpp"
 #include "../diagnosis/machines.hpp"
 #include "../diagnosis/synthetic.hpp"
-#include "../record_identification.hpp"
 #include "../report/diagnosis_page.hpp"
 #include "identify.hpp"
 
@@ -25,7 +24,7 @@ void identify_model(const Hopper<>& m, const std::string& folder) {
       plan.experiments.size(), static_cast<long long>(o.campaign.settle + o.plan.period), plan.lines());
   std::vector<HtfPanel> panels;
   const auto identify = [&](const auto& family) {
-    const Identified r = identify_rig(m, family, o, plan, nullptr);
+    const Identified r = identify_hopper(m, family, o, plan);
     std::printf("\nPoincare sections at 32 values of the %s\n",
                 r.sections == "clock" ? "clock phase (isochrons)" : "kinematic phase");
     print_errors(r);
@@ -52,14 +51,7 @@ Record measure() {
 }
 
 void identify_machine(const Hopper<>& m, const Record& record) {
-  Identified r;
-  r.sections = "clock";
-  r.title = "isochrons";
-  describe_channels<Hopper<>>(r);
-  r.id = identify_record(record, 10);
-  const auto system = std::make_unique<LdtpOf<Hopper<>, sections_per_cycle>>();
-  (void)find_orbit<sections_per_cycle>(m, timebase_of(m, 512), ClockPhases{sections_per_cycle}, *system);
-  compare<Hopper<>>(r, *system);
+  const Identified r = identify_hopper(m, record, IdentifyOptions{});
   std::printf("   Its harmonic transfer functions, identified from that record:\n");
   print_standard_errors(r);
   print_multipliers(r);

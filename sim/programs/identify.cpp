@@ -112,11 +112,9 @@ std::string hash_of(const Identification& id) {
   return text;
 }
 
+// A record of a machine, beside what the model says.
 template <class M>
-void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
-  const Record record = read_any_record<M>(o.record);
-  match_channels<M>(record);
-  if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
+Identified identify_beside(const M& m, const Record& record, const IdentifyOptions& o) {
   Identified r;
   r.sections = "clock";
   r.title = "isochrons";
@@ -132,6 +130,15 @@ void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
       r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
     }
   }
+  return r;
+}
+
+template <class M>
+void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
+  const Record record = read_any_record<M>(o.record);
+  match_channels<M>(record);
+  if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
+  const Identified r = identify_beside(m, record, o);
   if (!quiet) {
     std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; %lld samples used, %lld missing\n",
                 o.record.c_str(), record.rows(), r.id.sections, r.id.period, static_cast<long long>(r.id.samples),
@@ -275,6 +282,16 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
 }
 
 }  // namespace
+
+Identified identify_hopper(const Hopper<>& m, const ClockPhases& family, const IdentifyOptions& o, const Plan& plan) {
+  return identify_rig(m, family, o, plan, nullptr);
+}
+Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o, const Plan& plan) {
+  return identify_rig(m, family, o, plan, nullptr);
+}
+Identified identify_hopper(const Hopper<>& m, const Record& record, const IdentifyOptions& o) {
+  return identify_beside(m, record, o);
+}
 
 void add_identify(CLI::App& app) {
   auto* command =

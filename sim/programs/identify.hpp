@@ -54,6 +54,10 @@ void print_errors(const Identified& id);
 void print_multipliers(const Identified& id);
 void print_standard_errors(const Identified& id);
 void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels, bool quiet = false);
+// The hopper of the paper in this process, or a record of one beside its model; compiled once, for it is dear.
+Identified identify_hopper(const Hopper<>& m, const ClockPhases& family, const IdentifyOptions& o, const Plan& plan);
+Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o, const Plan& plan);
+Identified identify_hopper(const Hopper<>& m, const Record& record, const IdentifyOptions& o);
 // Figs. 3 and 4 of the paper as a table: paper, computed, identified.
 void print_paper_table(const std::vector<Identified>& families);
 
