@@ -39,6 +39,8 @@ std::string explain(const Search& s, const std::vector<std::string>& edges) {
       return after + "it falls";
     case Outcome::no_cycle:
       return "its events do not repeat";
+    case Outcome::collapsed:
+      return "the search ends in a state at rest, or chattering, where a cycle takes no time";
     case Outcome::trouble:
       break;
   }

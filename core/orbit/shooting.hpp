@@ -18,6 +18,7 @@ enum class Outcome : unsigned char {
   fell,            // the model says that it is no longer upright
   trouble,         // the flow reported `status`
   no_cycle,        // the events do not repeat
+  collapsed,       // they repeat within a few steps of the integrator: at rest, or chattering
 };
 
 // How a search ended. Where a leg went wrong: the edges, as positions in M::Edges, that it came from, should have ended
@@ -129,6 +130,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
   constexpr int max_iterations = 40;
   constexpr double tolerance = 2e-14;  // relative to 1 + the size of a state: what rounding leaves of a cycle
   constexpr double floor = 1e-10;      // where it may stop because rounding lets it go no further
+  constexpr double fewest = 8.0;       // steps that make a cycle
   Search search;
   search.dt = dt;
   orbit::onto_guards(m, cycle);
@@ -175,6 +177,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     cycle = trial;
   }
   search.outcome = search.residual <= floor ? Outcome::found : Outcome::no_convergence;
+  if (search.outcome == Outcome::found && !(cycle.period() > fewest * dt)) search.outcome = Outcome::collapsed;
   if (search.outcome == Outcome::found) {
     search.status = Status::ok;
     for (int j = 0; j < cycle.count; ++j) search.status = worse(search.status, cycle[j].leg.status);
