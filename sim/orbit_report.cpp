@@ -77,6 +77,10 @@ std::string explain(const OrbitReport& r) {
     case Doubt::unequal_spectra:
       return "the non-zero multipliers at " + edge +
              " differ from those at the other guards by more than their errors" + finer;
+    case Doubt::not_isolated:
+      return "at " + edge +
+             " a multiplier is 1 but for rounding: the cycle is one of a family, or ends here in a fold, so that its "
+             "state and its stability are not determined";
   }
   return {};
 }

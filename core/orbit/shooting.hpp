@@ -150,6 +150,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     }
     const Mat<N, N> defect = Mat<N, N>::Identity() - round;
     Vec<N> step = Eigen::PartialPivLU<Mat<N, N>>(defect).solve(carried);
+    if (!step.allFinite()) break;  // a multiplier is 1: there is no step to take
     std::array<Vec<N>, max_cycle_events> steps;
     for (int j = 0; j < cycle.count; ++j) {
       steps[static_cast<std::size_t>(j)] = step;
@@ -249,6 +250,7 @@ template <class M, int N>
 Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N>& cycle, int returns = 1) noexcept {
   Search best;
   Cycle<N> trial;
+  bool ran = true;  // `best` tells of Newton's method, not of the machine
   for (const int skip : {0, 40, 400}) {
     // Two rounds: the first one only measures the period.
     double period = timebase_of(m, ticks).period;
@@ -260,11 +262,15 @@ Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N
       period = trial.period();
       longest = 8.0 * period;
     }
-    if (search.outcome == Outcome::found) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
+    const bool runs = search.outcome == Outcome::found;
+    if (runs) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
     const bool found = search.outcome == Outcome::found;
-    if (skip == 0 || (found && best.outcome != Outcome::found) || (found && !is_repeated<M>(trial))) {
+    const bool lost = best.outcome != Outcome::found;
+    // Of two failures, what the machine does says more than what Newton's method does.
+    if (skip == 0 || (found && (lost || !is_repeated<M>(trial))) || (lost && ran && !runs)) {
       best = search;
       cycle = trial;
+      ran = runs;
     }
     if (found && !is_repeated<M>(trial)) break;
   }

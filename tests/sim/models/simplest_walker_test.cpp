@@ -140,4 +140,5 @@ TEST_CASE("simplest walker: pushed too little or the wrong way it falls back, an
   CHECK(follow_cycle(p, with_slope(-0.001), 512, cycle, reached).outcome != Outcome::found);
   CHECK(reached > 0.5);
   CHECK(reached < 0.91);
+  CHECK(followed(p, with_slope(0.0))->analysis.doubt == Doubt::not_isolated);  // the last one of no length at all
 }
