@@ -312,6 +312,17 @@ TEST_CASE("kneed biped: steeper, and with another build, its cycle keeps the law
   }
 }
 
+TEST_CASE("kneed biped: there is a second, shorter gait, unstable, that keeps the laws and the energy") {
+  const KneedBiped<> p;
+  const auto start = at<KneedBiped<>>(kneed_biped::Unlocked{}, Vec<6>{-0.235, 0.235, 0.235, 1.22, 0.27, 3.17});
+  const auto c = cycle_of(p, start);
+  test::obeys_cycle_laws(p, *c);
+  CHECK(c->fine.period() < 0.5);
+  CHECK(c->analysis.guard[0].spectrum.value[0].real() > 2.0);
+  CHECK(c->analysis.guard[0].rank.value == 3);
+  CHECK(std::abs(lost(p, c->fine) - gained(p, c->fine)) < 1e-9);
+}
+
 TEST_CASE("kneed biped: in other units it is the same walker") {
   // Twice as heavy, 1.21 times as tall and as much slower: the same angles and multipliers.
   KneedBiped<> p;
