@@ -39,6 +39,8 @@ std::string explain(const Search& s, const std::vector<std::string>& edges) {
       return after + "it falls";
     case Outcome::no_cycle:
       return "its events do not repeat";
+    case Outcome::collapsed:
+      return "the search ends in a state at rest, or chattering, where a cycle takes no time";
     case Outcome::trouble:
       break;
   }
@@ -75,6 +77,10 @@ std::string explain(const OrbitReport& r) {
     case Doubt::unequal_spectra:
       return "the non-zero multipliers at " + edge +
              " differ from those at the other guards by more than their errors" + finer;
+    case Doubt::not_isolated:
+      return "at " + edge +
+             " a multiplier is 1 but for rounding: the cycle is one of a family, or ends here in a fold, so that its "
+             "state and its stability are not determined";
   }
   return {};
 }

@@ -17,6 +17,7 @@ enum class Doubt : unsigned char {
   undecided_rank,   // a singular value lies too near the tolerance
   outside_bounds,   // a rank contradicts Lemma 3 or Theorem 4
   unequal_spectra,  // the guards disagree on the non-zero multipliers
+  not_isolated,     // a multiplier is 1 to within rounding: a family of cycles, or a fold
 };
 
 // An edge: its reset and its edge map, on the tangent space of the guard.
@@ -135,7 +136,8 @@ double allowed_distance(const ConditionedMultipliers<N>& a, const ConditionedMul
 template <int N>
 CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept {
   using orbit::measured;
-  constexpr double grazing = 1e-6;  // [-] sine
+  constexpr double grazing = 1e-6;   // [-] sine
+  constexpr double isolated = 1e-6;  // [-] from 1; at a fold Newton's method knows the state to rounding over this
   CycleAnalysis<N> out;
   out.count = fine.count;
   const auto doubt = [&](Doubt d, int at) {
@@ -219,6 +221,9 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
     }
     g.zeros = classify(edges, at, g.rank.value, g.spectrum.nonzero);
     if (!g.bounds.contains(g.rank.value)) doubt(Doubt::outside_bounds, q);
+    for (int i = 0; i < g.spectrum.nonzero; ++i) {
+      if (std::abs(g.spectrum.value[static_cast<std::size_t>(i)] - 1.0) < isolated) doubt(Doubt::not_isolated, q);
+    }
     const auto& first = out.guard[0].spectrum;
     if (q > 0 && first.status == Status::ok) {
       const double spread = spectral_distance(first, g.spectrum);

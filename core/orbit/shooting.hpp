@@ -18,6 +18,7 @@ enum class Outcome : unsigned char {
   fell,            // the model says that it is no longer upright
   trouble,         // the flow reported `status`
   no_cycle,        // the events do not repeat
+  collapsed,       // they repeat within a few steps of the integrator: at rest, or chattering
 };
 
 // How a search ended. Where a leg went wrong: the edges, as positions in M::Edges, that it came from, should have ended
@@ -129,6 +130,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
   constexpr int max_iterations = 40;
   constexpr double tolerance = 2e-14;  // relative to 1 + the size of a state: what rounding leaves of a cycle
   constexpr double floor = 1e-10;      // where it may stop because rounding lets it go no further
+  constexpr double fewest = 8.0;       // steps that make a cycle
   Search search;
   search.dt = dt;
   orbit::onto_guards(m, cycle);
@@ -148,6 +150,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     }
     const Mat<N, N> defect = Mat<N, N>::Identity() - round;
     Vec<N> step = Eigen::PartialPivLU<Mat<N, N>>(defect).solve(carried);
+    if (!step.allFinite()) break;  // a multiplier is 1: there is no step to take
     std::array<Vec<N>, max_cycle_events> steps;
     for (int j = 0; j < cycle.count; ++j) {
       steps[static_cast<std::size_t>(j)] = step;
@@ -175,6 +178,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     cycle = trial;
   }
   search.outcome = search.residual <= floor ? Outcome::found : Outcome::no_convergence;
+  if (search.outcome == Outcome::found && !(cycle.period() > fewest * dt)) search.outcome = Outcome::collapsed;
   if (search.outcome == Outcome::found) {
     search.status = Status::ok;
     for (int j = 0; j < cycle.count; ++j) search.status = worse(search.status, cycle[j].leg.status);
@@ -246,6 +250,7 @@ template <class M, int N>
 Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N>& cycle, int returns = 1) noexcept {
   Search best;
   Cycle<N> trial;
+  bool ran = true;  // `best` tells of Newton's method, not of the machine
   for (const int skip : {0, 40, 400}) {
     // Two rounds: the first one only measures the period.
     double period = timebase_of(m, ticks).period;
@@ -257,11 +262,15 @@ Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N
       period = trial.period();
       longest = 8.0 * period;
     }
-    if (search.outcome == Outcome::found) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
+    const bool runs = search.outcome == Outcome::found;
+    if (runs) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
     const bool found = search.outcome == Outcome::found;
-    if (skip == 0 || (found && best.outcome != Outcome::found) || (found && !is_repeated<M>(trial))) {
+    const bool lost = best.outcome != Outcome::found;
+    // Of two failures, what the machine does says more than what Newton's method does.
+    if (skip == 0 || (found && (lost || !is_repeated<M>(trial))) || (lost && ran && !runs)) {
       best = search;
       cycle = trial;
+      ran = runs;
     }
     if (found && !is_repeated<M>(trial)) break;
   }

@@ -33,6 +33,11 @@ struct CompassGait {
   static constexpr std::array outputs{Quantity{"theta_ns", "rad"}, Quantity{"theta_s", "rad"},
                                       Quantity{"rate_ns", "rad/s"}, Quantity{"rate_s", "rad/s"}};
 
+  static constexpr std::string_view note =
+      "There is a second, shorter gait; at the default parameters it is unstable: --start -0.31,0.205,-0.71,-1.21 "
+      "finds "
+      "it.";
+
   S hip_mass = 10.0;                         // [kg]
   S leg_mass = 5.0;                          // [kg]
   S a = 0.5;                                 // [m]   from the foot to the leg's centre of mass

@@ -45,7 +45,8 @@ struct KneedBiped {
   static constexpr std::string_view note =
       "Wendel & Ames 2010, sec. 5.2, print 0.58775 +- 0.50861i, 0.16871 for DP_u and 0.58836 +- 0.50742i, 0.16930 for "
       "DP_l, which must be equal, and states that are not yet periodic: they are unconverged by about 1e-3. Their "
-      "sigma(Dphi_l) is 1.2765, -0.23479, 0.41277, 8.8e-17.";
+      "sigma(Dphi_l) is 1.2765, -0.23479, 0.41277, 8.8e-17. There is a second, shorter gait, unstable: "
+      "--start -0.235,0.235,0.235,1.22,0.27,3.17 finds it.";
 
   S hip_mass = 5.0;     // [kg]
   S thigh_mass = 5.0;   // [kg]

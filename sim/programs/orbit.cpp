@@ -42,7 +42,9 @@ void add_orbit(CLI::App& app) {
       ->check(CLI::Range(1, max_cycle_events))
       ->capture_default_str();
   command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
-  command->add_option("--picture", o->picture, "draw phase portrait, multipliers and ranks into FILE.svg")
+  command
+      ->add_option("--picture", o->picture,
+                   "draw phase portrait, multipliers and ranks into FILE.svg, - for standard output")
       ->type_name("FILE");
   command->callback([o] {
     o->portrait = !o->picture.empty();
@@ -50,9 +52,10 @@ void add_orbit(CLI::App& app) {
     with_model(o->model, [&](const auto& m) {
       using M = std::remove_cvref_t<decltype(m)>;
       const auto report = std::make_unique<OrbitReport>(OrbitSearch<M>(m, *o).report());
+      const std::string picture = o->picture.empty() ? "" : orbit_figure(*report).svg();
       if (!o->json.empty()) write_json(o->json, orbit_json(*report));
+      if (!o->picture.empty()) write_text(o->picture, picture);
       if (!quiet) print_orbit(*report);
-      if (!o->picture.empty()) orbit_figure(*report).write_svg(o->picture);
       if (const std::string doubt = explain(*report); !doubt.empty()) throw RunError(report->model + ": " + doubt);
     });
   });

@@ -204,7 +204,8 @@ Json orbit_json(const OrbitReport& r) {
                                                {"passages_to_forget", g.spectrum.index},
                                                {"multipliers", json_of(g.spectrum)},
                                                {"singular_values", sigma_of(g.rank, map.dim)},
-                                               {"tolerance", g.rank.tolerance}};
+                                               {"tolerance", g.rank.tolerance},
+                                               {"flow_multiplier_error", g.one}};
     }
     j["edges"].push_back({{"edge", edge_name(r, map.edge)},
                           {"from", chart_name(r, map.chart)},

@@ -51,9 +51,8 @@ class Portrait {
   void draw() {
     if (views_.empty()) return;
     const View& first = views_[0];
-    r_.x_label = views_.size() > 1 ? "angle [rad]" : (first.z < 0 ? label(first.x) : "x - 0.45 z");
-    r_.y_label = views_.size() > 1 ? "rate [rad/s]" : (first.z < 0 ? label(first.y) : "y - 0.3 z");
-    draw_transients();
+    r_.x_label = views_.size() > 1 ? "angle [rad]" : (first.z < 0 ? label(first.x) : "x - 0.45 z [-], seen obliquely");
+    r_.y_label = views_.size() > 1 ? "rate [rad/s]" : (first.z < 0 ? label(first.y) : "y - 0.3 z [-]");
     for (int j = 0; j < r_.fine.count; ++j) {
       const EdgeMap<orbit_width>& map = r_.fine[j];
       for (const View& v : views_) {
@@ -68,6 +67,8 @@ class Portrait {
       }
       r_.marks.emplace_back(r_.edges[static_cast<std::size_t>(map.edge)], ends);
     }
+    frame();
+    draw_transients();
   }
 
  private:
@@ -85,6 +86,22 @@ class Portrait {
   static std::string label(int output) {
     const Quantity& q = M::outputs[static_cast<std::size_t>(output)];
     return std::string(q.name) + " [" + std::string(q.unit) + "]";
+  }
+
+  // The cycle and half its size around it: what leaves that, fallen or lost, would dwarf it.
+  void frame() {
+    for (const auto& s : r_.portrait) {
+      for (const auto& [x, y] : s.points) {
+        low_ = {std::fmin(low_.first, x), std::fmin(low_.second, y)};
+        high_ = {std::fmax(high_.first, x), std::fmax(high_.second, y)};
+      }
+    }
+    const std::pair<double, double> edge{0.5 * (high_.first - low_.first), 0.5 * (high_.second - low_.second)};
+    low_ = {low_.first - edge.first, low_.second - edge.second};
+    high_ = {high_.first + edge.first, high_.second + edge.second};
+  }
+  bool framed(const std::pair<double, double>& p) const {
+    return low_.first <= p.first && p.first <= high_.first && low_.second <= p.second && p.second <= high_.second;
   }
 
   // From beside the cycle, two rounds: each coordinate moved both ways by a tenth of its range.
@@ -112,6 +129,9 @@ class Portrait {
     std::vector<OrbitReport::Series> series(views_.size());
     for (double t = 0.0; t < 2.0 * r_.period(); t += dt) {
       const Output<M> y = output_at(m_, p, none());
+      bool inside = true;
+      for (const View& v : views_) inside = inside && framed(v.of(y));
+      if (!inside) break;
       for (std::size_t k = 0; k < views_.size(); ++k) series[k].points.push_back(views_[k].of(y));
       const Passage r = advance(m_, p, none(), dt);
       if (!usable(r.status)) break;
@@ -128,6 +148,7 @@ class Portrait {
   const M& m_;
   OrbitReport& r_;
   std::vector<View> views_;
+  std::pair<double, double> low_{1e300, 1e300}, high_{-1e300, -1e300};
 };
 
 }  // namespace saltus::program

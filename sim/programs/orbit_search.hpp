@@ -88,6 +88,9 @@ class OrbitSearch {
                        r_.charts[static_cast<std::size_t>(p.chart)] + ", which has " + std::to_string(dim) +
                        " coordinates; " + std::to_string(o_.start.size()) + " are given");
     }
+    for (const double x : o_.start) {
+      if (!std::isfinite(x)) throw UsageError("--start: give finite numbers");
+    }
     for (int i = 0; i < dim; ++i) p.x[i] = o_.start[static_cast<std::size_t>(i)];
     return p;
   }
@@ -107,6 +110,12 @@ class OrbitSearch {
     for (const std::string& e : r_.edges) {
       known += ", " + e;
       fits = fits || r_.sections == e;
+    }
+    if (r_.sections != "kinematic" && !o_.kinematic.empty()) {
+      throw UsageError("--kinematic: the sections are those of " + r_.sections + "; add --sections kinematic");
+    }
+    for (const double x : o_.kinematic) {
+      if (!std::isfinite(x)) throw UsageError("--kinematic: give four finite numbers");
     }
     if (!fits) throw UsageError("--sections " + r_.sections + ": " + std::string(M::name) + " has " + known);
   }
@@ -138,23 +147,19 @@ class OrbitSearch {
       r_.search = along;
       return;
     }
-    std::string lost = "no limit cycle found at these parameters";
-    if (reached > 0.0) {
-      char share[64];
-      std::snprintf(share, sizeof share, "%.3g", 100.0 * reached);
-      lost += ": followed from the default ones it is lost after " + std::string(share) + " % of the way, where ";
-    } else {
-      lost += ": ";
-    }
+    std::string lost = "lost at once: ";
+    if (reached > 0.0) lost = "lost after " + number(100.0 * reached, "%.3g") + " % of the way, where ";
     lost += explain(along, r_.edges);
     if (reached > 0.0 && along.outcome == Outcome::no_convergence) lost += near_fold(cycle);
     if (!directly) r_.search = find_cycle(m_, start(), o_.model.ticks, cycle, o_.returns);
     if (r_.search.outcome != Outcome::found) {
-      fail(lost + "; from the model's own start " + explain(r_.search, r_.edges) +
+      std::string again = explain(r_.search, r_.edges);
+      if (const std::string known = "from the start "; again.rfind(known, 0) == 0) again.erase(0, known.size());
+      fail("no limit cycle found at these parameters: followed from the default ones it is " + lost +
+           "; from the model's own start " + again +
            "; set values nearer to the default ones, or give a --start near the cycle");
     }
-    r_.notes.push_back("this is another cycle than the one at the default parameters, which is " +
-                       lost.substr(lost.find(": ") + 2));
+    r_.notes.push_back("this is another cycle than that of the default parameters, which is " + lost);
   }
 
   void halve_the_step() {

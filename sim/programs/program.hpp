@@ -69,7 +69,7 @@ void set_parameters(M& m, const std::vector<std::string>& settings) {
     });
     if (!known) {
       throw UsageError("--set " + text + ": " + std::string(M::name) + " has no parameter '" + s.name + "'; it has " +
-                       names);
+                       (names.empty() ? "none" : names));
     }
   }
 }

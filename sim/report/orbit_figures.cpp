@@ -26,12 +26,13 @@ std::string indexed(const std::string& name) {
   const auto at = name.find('_');
   if (at == std::string::npos) return name;
   const auto end = std::min(name.find(' '), name.size());
-  return name.substr(0, at) + "_{" + name.substr(at + 1, end - at - 1) + "}" + name.substr(end);
+  return name.substr(0, at) + "_{" + name.substr(at + 1, end - at - 1) + "}" +
+         (end < name.size() ? "\xC2\xA0" + name.substr(end + 1) : "");  // a plain space after an index is lost
 }
 
 // The key below the panel, which has `rows` of it.
 std::string key(int rows) {
-  return "set bmargin " + std::to_string(5 + rows) + "\nset key outside bottom center horizontal\n";
+  return "set bmargin " + std::to_string(5 + rows) + "\nset key outside bottom center horizontal width 1\n";
 }
 
 // One colour a curve of the portrait, one dash a chart; transients grey, behind.
@@ -109,8 +110,13 @@ Panel unit_circle(const OrbitReport& r) {
   }
   if (m.dim > m.nonzero) {
     char title[64];
-    std::snprintf(title, sizeof title, "0, %d times, error %.0e", m.dim - m.nonzero,
-                  m.error[static_cast<std::size_t>(m.nonzero)]);
+    const int zeros = m.dim - m.nonzero;
+    const double error = m.error[static_cast<std::size_t>(m.nonzero)];
+    if (zeros == 1) {
+      std::snprintf(title, sizeof title, "0, once, error %.0e", error);
+    } else {
+      std::snprintf(title, sizeof title, "0, %d times, error %.0e", zeros, error);
+    }
     panel.curves.push_back({title, "points pt 4 ps 1.2 lc rgb '#222222'", {{0.0, 0.0}}});
   }
   char settings[160];
@@ -135,7 +141,8 @@ Panel errors(const OrbitReport& r) {
   panel.curves.push_back({"error", style("points pt 2 ps 0.9", 1), error});
   char settings[160];
   std::snprintf(settings, sizeof settings,
-                "set logscale y\nset format y '10^{%%L}'\nset xrange [0.5:%g]\nset yrange [1e-18:100]\nset xtics 1\n",
+                "set logscale y\nset format y '10^{%%L}'\nunset mytics\nset xrange [0.5:%g]\nset yrange "
+                "[1e-18:100]\nset xtics 1\n",
                 m.dim + 0.5);
   panel.settings = settings + key(1);
   return panel;
@@ -153,13 +160,15 @@ Panel ranks(const OrbitReport& r) {
     std::vector<std::pair<double, double>> sigma;
     for (int i = 0; i < dim; ++i) sigma.emplace_back(i + 1, std::max(1e-17, g.rank.sigma[static_cast<std::size_t>(i)]));
     const std::string chart = r.charts[static_cast<std::size_t>(r.fine[j].chart)];
-    panel.curves.push_back({chart + ": rank " + std::to_string(g.rank.value), style("points pt 7 ps 0.9", at), sigma});
+    panel.curves.push_back({chart + ": rank " + std::to_string(g.rank.value),
+                            style(at == 0 ? "points pt 7 ps 0.8" : "points pt 6 ps 1.4", at), sigma});
     const double tolerance = std::max(1e-17, g.rank.tolerance);
     panel.curves.push_back({"", style("lines lw 1 dt 2", at), {{0.5, tolerance}, {dim + 0.5, tolerance}}});
   }
   char settings[160];
   std::snprintf(settings, sizeof settings,
-                "set logscale y\nset format y '10^{%%L}'\nset xrange [0.5:%g]\nset yrange [1e-18:1e3]\nset xtics 1\n",
+                "set logscale y\nset format y '10^{%%L}'\nunset mytics\nset xrange [0.5:%g]\nset yrange "
+                "[1e-18:1e3]\nset xtics 1\n",
                 largest + 0.5);
   panel.settings = settings + key(1);
   return panel;

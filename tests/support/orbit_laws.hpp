@@ -1,5 +1,5 @@
-// The laws that the limit cycle of every model keeps (Wendel & Ames 2010). A test hands a model to `cycle_of` and what it
-// gets to `obeys_cycle_laws`.
+// The laws that the limit cycle of every model keeps (Wendel & Ames 2010). A test hands a model to `cycle_of` and what
+// it gets to `obeys_cycle_laws`.
 #pragma once
 
 #include <cmath>
@@ -53,8 +53,8 @@ std::unique_ptr<FoundCycle> followed(const M& usual, const M& m, std::int64_t ti
   return r;
 }
 
-// Nothing is in doubt; every rank keeps its bounds; every leg keeps eq. 3 and Theorem 1; the non-zero multipliers agree at
-// all guards and on a section in the middle of every leg; the cycle repeats; its resets have constant rank.
+// Nothing is in doubt; every rank keeps its bounds; every leg keeps eq. 3 and Theorem 1; the non-zero multipliers agree
+// at all guards and on a section in the middle of every leg; the cycle repeats; its resets have constant rank.
 template <class M>
 void obeys_cycle_laws(const M& m, const FoundCycle& c) {
   const WideAnalysis& a = c.analysis;
@@ -115,19 +115,32 @@ void has_state(const Vec<orbit_width>& x, double tolerance, Numbers... numbers) 
   (check(numbers), ...);
 }
 
-// How an error shrinks when the step is halved: 16 for a method of order four.
-template <class M, class F>
-double halving_ratio(const M& m, const Point<M>& start, std::int64_t ticks, F&& number) {
+// How errors shrink when the step is halved, in the 2-norm: 16 for a method of order four.
+struct Halved {
+  double states, multipliers;
+};
+template <class M>
+Halved halved(const M& m, std::int64_t ticks) {
   WideCycle cycle;
-  const Search s = find_cycle(m, start, ticks, cycle);
+  const Search s = find_cycle(m, start_of(m), ticks, cycle);
   REQUIRE(s.outcome == saltus::Outcome::found);
-  std::array<double, 3> value{};
+  std::array<Eigen::VectorXd, 3> state;
+  std::array<Eigen::VectorXcd, 3> spectrum;
   for (std::size_t i = 0; i < 3; ++i) {
     const double h = s.dt / static_cast<double>(1 << i);
+    const WideCycle wide = cycle;
     REQUIRE(shoot(m, h, 8.0 * cycle.period(), cycle).outcome == saltus::Outcome::found);
-    value[i] = number(cycle);
+    state[i] = Eigen::VectorXd(cycle.count * (orbit_width + 1));
+    for (int j = 0; j < cycle.count; ++j) {
+      state[i].segment(j * (orbit_width + 1), orbit_width + 1) << cycle[j].x, cycle[j].leg.duration;
+    }
+    const WideMultipliers mu = multipliers_at(wide, cycle, 0);
+    REQUIRE(mu.status == Status::ok);
+    spectrum[i] = Eigen::VectorXcd(mu.nonzero);
+    for (int k = 0; k < mu.nonzero; ++k) spectrum[i][k] = mu.value[static_cast<std::size_t>(k)];
   }
-  return (value[0] - value[1]) / (value[1] - value[2]);
+  return {(state[0] - state[1]).norm() / (state[1] - state[2]).norm(),
+          (spectrum[0] - spectrum[1]).norm() / (spectrum[1] - spectrum[2]).norm()};
 }
 
 // A matrix of tests/data, row after row without a header, in the upper left corner.

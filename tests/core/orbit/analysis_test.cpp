@@ -154,6 +154,18 @@ TEST_CASE("analysis: what cannot be trusted is a doubt, not a number") {
   }
 }
 
+TEST_CASE("analysis: where a multiplier is 1 the cycle is not isolated, and its numbers are not determined") {
+  Strobe<> m;
+  m.a = 1.0;
+  m.c = 1e-8;  // x -> x - x^2 + c: fixed points +-sqrt(c), multipliers 1 -+ 2 sqrt(c)
+  const auto near = pair_of(m);
+  CHECK(near->analysis().doubt == Doubt::none);
+  CHECK(std::abs(near->fine[0].x[0] - 1e-4) < 1e-9);
+  m.c = 0.0;  // where they meet
+  const auto fold = pair_of(m);
+  CHECK(fold->analysis().doubt == Doubt::not_isolated);
+}
+
 TEST_CASE("analysis: between a multiplier that counts and one that is zero lie those that cannot be told") {
   std::string told;
   for (double multiplier = 1e-9; multiplier > 1e-16; multiplier *= 0.5) {

@@ -96,6 +96,14 @@ TEST_CASE("every way to find no cycle has its name") {
   CHECK(find_cycle(ball, start_of(ball), ticks, rest).outcome != Outcome::found);
 }
 
+TEST_CASE("a cycle of a few steps is none: it stands still, or chatters") {
+  const Strobe<> m;  // one event a second
+  Cycle<2> cycle;
+  REQUIRE(find_cycle(m, start_of(m), ticks, cycle).outcome == Outcome::found);
+  CHECK(shoot(m, 1.0 / 9.0, 8.0, cycle).outcome == Outcome::found);
+  CHECK(shoot(m, 1.0 / 7.0, 8.0, cycle).outcome == Outcome::collapsed);
+}
+
 TEST_CASE("continuation follows a cycle through its loss of stability") {
   const Strobe<> usual;
   Strobe<> far;

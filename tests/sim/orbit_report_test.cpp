@@ -1,0 +1,104 @@
+#include "sim/orbit_report.hpp"
+
+#include <set>
+
+#include "sim/models/bouncing_ball.hpp"
+#include "sim/models/kneed_biped.hpp"
+#include "tests/support/catch.hpp"
+#include "tests/support/orbit_laws.hpp"
+
+using namespace saltus;
+using saltus::Outcome;
+
+namespace {
+
+const std::vector<std::string> edges{"KneeStrike", "FootStrike"};
+
+bool says(const std::string& text, const std::string& words) { return text.find(words) != text.npos; }
+
+}  // namespace
+
+TEST_CASE("orbit report: every way to fail has a sentence of its own, and success none") {
+  std::set<std::string> told;
+  Search s;
+  s.after = 1;
+  s.met = 1;
+  s.expected = 0;
+  for (const Outcome o : {Outcome::no_convergence, Outcome::other_event, Outcome::no_event, Outcome::fell,
+                          Outcome::no_cycle, Outcome::collapsed}) {
+    s.outcome = o;
+    told.insert(explain(s, edges));
+  }
+  CHECK(told.size() == 6);
+  s.outcome = Outcome::trouble;
+  for (const Status status : {Status::zeno, Status::escaped, Status::diverged, Status::failed}) {
+    s.status = status;
+    told.insert(explain(s, edges));
+  }
+  CHECK(told.size() == 10);
+  CHECK(told.count("") == 0);
+  s.outcome = Outcome::found;
+  CHECK(explain(s, edges).empty());
+
+  OrbitReport r;
+  r.edges = edges;
+  r.fine.count = 2;
+  r.fine[0].edge = 0;
+  r.fine[1].edge = 1;
+  std::set<std::string> doubts;
+  for (const Doubt d : {Doubt::other_order, Doubt::grazing, Doubt::coarse, Doubt::undecided_rank, Doubt::outside_bounds,
+                        Doubt::unequal_spectra, Doubt::not_isolated}) {
+    r.analysis.doubt = d;
+    doubts.insert(explain(r));
+  }
+  CHECK(doubts.size() == 7);
+  CHECK(doubts.count("") == 0);
+  r.analysis.doubt = Doubt::none;
+  CHECK(explain(r).empty());
+}
+
+TEST_CASE("orbit report: a sentence names the events it is about") {
+  Search s;
+  s.after = 1;
+  s.expected = 0;
+  s.met = 1;
+  s.outcome = Outcome::other_event;
+  CHECK(explain(s, edges) ==
+        "after FootStrike FootStrike comes where KneeStrike should: the gait changes its order of events");
+  s.after = -1;
+  s.outcome = Outcome::fell;
+  CHECK(explain(s, edges) == "from the start it falls");
+}
+
+TEST_CASE("orbit report: a walker that falls, and a ball that comes to rest, are told apart") {
+  const KneedBiped<> biped;
+  WideCycle cycle;
+  auto start = start_of(biped);
+  start.x[3] = 0.1;  // pushed too little
+  CHECK(says(explain(find_cycle(biped, start, 256, cycle), edges), "falls"));
+
+  BouncingBall<> ball;
+  ball.A = 0.0;  // the table rests, and so does the ball at last
+  const Search rest = find_cycle(ball, start_of(ball), 256, cycle);
+  CHECK(rest.outcome != Outcome::found);
+  CHECK(says(explain(rest, {"Impact"}), "comes to rest"));
+}
+
+TEST_CASE("orbit report: a cycle that grazes its guard, or misses it with half the step, is a doubt with a mend") {
+  const KneedBiped<> biped;
+  const auto c = test::cycle_of(biped);
+  OrbitReport r;
+  r.edges = edges;
+  r.ticks = 512;
+  r.coarse = c->coarse;
+  r.fine = c->fine;
+  r.coarse[1].leg.rate = r.fine[1].leg.rate = 1e-9;  // the knee locks at no speed
+  r.analysis = analyse(r.coarse, r.fine);
+  CHECK(says(explain(r), "KneeStrike is met almost tangentially"));
+  r.coarse = c->coarse;
+  r.fine = c->fine;
+  r.coarse.count = 1;
+  r.analysis = analyse(r.coarse, r.fine);
+  CHECK(says(explain(r), "another order of events"));
+  CHECK(says(explain(r), "try --ticks 2048"));
+}
