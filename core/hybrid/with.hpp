@@ -147,6 +147,30 @@ struct With {
     });
   }
 
+  // Calls f(rate, here, most) for every kinked effect that acts in chart C: the rate of its port, and how fast the
+  // effect brings that to rest, there and at the kink [1/s]. A step longer than a few of these times overshoots.
+  template <class C, class F>
+  void visit_stiffness(C c, const Vec<C::dim, S>& x, F&& f) const noexcept {
+    each_effect([&](const auto& e) {
+      if constexpr (requires { std::remove_cvref_t<decltype(e)>::kinked; }) {
+        each_port([&](auto p) {
+          if constexpr (forced<decltype(e), decltype(p), C>()) {
+            const Motion<S, C::dim> at = model.port(p, c, x);
+            const S per_force = model.port(p, c, x + at.per_force).rate - at.rate;
+            constexpr double small = 1e-4;  // [m/s or rad/s]
+            const auto slope = [&](const S& rate) {
+              Motion<S, C::dim> below = at, above = at;
+              below.rate = rate - small;
+              above.rate = rate + small;
+              return per_force * (force_of(e, p, c, below, x) - force_of(e, p, c, above, x)) / (2.0 * small);
+            };
+            f(at.rate, slope(at.rate), slope(S(0.0)));
+          }
+        });
+      }
+    });
+  }
+
   // The model's own ports pass through, so that effects can be added to what already has some.
   template <class P, class C>
   requires requires(const M& m, P p, C c, const Vec<C::dim, S>& x) { m.port(p, c, x); }

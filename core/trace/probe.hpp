@@ -218,6 +218,8 @@ class Probe {
     const std::uint64_t signs = kink_signs(before);
     const Passage r = advance(model_, at_, u0, h);
     int parts = signs == kink_signs(at_) ? 1 : 16;
+    const double stiffness = stiffness_between(before, at_, h);
+    if (h * stiffness > 1.0) parts = std::max(parts, static_cast<int>(std::ceil(std::min(500.0, h * stiffness))));
     const double limit = std::min(longest_step(before), longest_step(at_));
     if (h > limit) parts = std::max(parts, static_cast<int>(std::ceil(h / limit)));
     if (parts > 1) {
@@ -268,6 +270,27 @@ class Probe {
       if constexpr (requires { model_.longest_step(c); }) h = model_.longest_step(c);
     });
     return h;
+  }
+
+  // [1/s] The stiffest kinked force whose kink a step's stages may have met, or that holds its port still; 0: none.
+  double stiffness_between(const Point<M>& from, const Point<M>& to, double h) const noexcept {
+    std::array<double, 16> rate{};
+    std::size_t n = 0, k = 0;
+    double stiffest = 0.0;
+    visit_chart(from, [&](auto c) {
+      model_.visit_stiffness(c, from.in(c), [&](double r, double here, double most) {
+        if (n < rate.size()) rate[n++] = r;
+        if (here * h > 0.5) stiffest = std::max(stiffest, most);
+      });
+    });
+    visit_chart(to, [&](auto c) {
+      model_.visit_stiffness(c, to.in(c), [&](double r, double here, double most) {
+        const double before = k < n ? rate[k++] : 0.0;
+        const bool met = std::min(std::abs(r), std::abs(before)) < 3.0 * std::abs(r - before);
+        if (met || here * h > 0.5) stiffest = std::max(stiffest, most);
+      });
+    });
+    return stiffest;
   }
 
   // The signs of the rates at which kinked forces jump, one bit each.
