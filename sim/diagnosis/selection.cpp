@@ -88,7 +88,7 @@ const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& fr
     data_.noise = a.noise;
     FitOptions o;
     o.iterations = round == 0 ? 30 : 10;
-    o.enough = 0.5;
+    o.enough = 0.1;
     a.fit = fit(p_, segments_, a.fit, effects, o);
     if (!std::isfinite(a.fit.chi2)) {  // the start of the fit cannot be run: as if it explained nothing
       a.scale = 1e100;
@@ -266,7 +266,7 @@ const Attempt& Selection::adopt(const Attempt& a) {
   attempt({}, plain, copy.noise);
   attempt(copy.effects, copy.fit, copy.noise);
   result_ = copy.effects;
-  for (int round = 0; round < 3; ++round) reweigh();
+  reweigh();
   return result();
 }
 
