@@ -308,17 +308,20 @@ class Probe {
   // True where a kinked force that is there changes between two points, or is about to.
   bool changes_between(const Point<M>& from, const Point<M>& to) const noexcept {
     if (from.chart != to.chart) return false;
-    std::array<double, 16> rate{};
+    std::array<double, 16> rate{}, slope{};
     std::size_t n = 0, k = 0;
     bool changes = false;
     visit_chart(from, [&](auto c) {
-      model_.visit_stiffness(c, from.in(c), [&](double r, double, double) {
-        if (n < rate.size()) rate[n++] = r;
+      model_.visit_stiffness(c, from.in(c), [&](double r, double here, double) {
+        if (n == rate.size()) return;
+        rate[n] = r;
+        slope[n++] = here;
       });
-      model_.visit_stiffness(c, to.in(c), [&](double r, double, double most) {
-        const double before = k < n ? rate[k++] : r;
+      model_.visit_stiffness(c, to.in(c), [&](double r, double here, double most) {
+        if (k == n) return;
+        const double before = rate[k], steepest = std::max(here, slope[k++]);
         const bool met = r * before <= 0.0 || std::min(std::abs(r), std::abs(before)) < 0.25 * std::abs(r - before);
-        changes = changes || (met && most > 0.0);
+        changes = changes || (met && steepest < 0.9 * most);  // else the points lie within the change: it is seen
       });
     });
     return changes;

@@ -47,24 +47,6 @@ std::vector<std::size_t> match(const Record& record, const std::vector<saltus::C
   return order;
 }
 
-// The smallest step between sorted distinct values when it explains most of them; 0 when values are dense.
-double resolution_of(std::vector<double> v) {
-  v.erase(std::remove_if(v.begin(), v.end(), [](double x) { return !std::isfinite(x); }), v.end());
-  if (v.size() < 64) return 0.0;
-  std::sort(v.begin(), v.end());
-  v.erase(std::unique(v.begin(), v.end()), v.end());
-  if (v.size() < 3) return 0.0;
-  std::vector<double> steps;
-  for (std::size_t i = 1; i < v.size(); ++i) steps.push_back(v[i] - v[i - 1]);
-  const double step = median(steps);
-  std::size_t whole = 0;
-  for (const double s : steps) {
-    const double n = s / step;
-    whole += std::abs(n - std::round(n)) < 0.05 && n > 0.5;
-  }
-  return whole > steps.size() * 9 / 10 ? step : 0.0;
-}
-
 struct Clock {
   int sections, period, settle;
   double cycle_period;
@@ -200,6 +182,30 @@ std::vector<int> excited_lines(const Segment& s, std::size_t inputs, int period)
 
 }  // namespace
 
+std::vector<std::size_t> columns_of(const Record& record, const Machine& machine, bool outputs) {
+  return outputs ? match(record, record.outputs, machine.outputs, "output") : match(record, record.inputs, machine.inputs, "input");
+}
+
+double resolution_of(std::vector<double> v) {
+  v.erase(std::remove_if(v.begin(), v.end(), [](double x) { return !std::isfinite(x); }), v.end());
+  if (v.size() < 64) return 0.0;
+  std::sort(v.begin(), v.end());
+  const double same = 1e-6 * (v.back() - v.front());  // as written with a few digits
+  v.erase(std::unique(v.begin(), v.end(), [&](double a, double b) { return b - a <= same; }), v.end());
+  if (v.size() < 3) return 0.0;
+  std::vector<double> steps;
+  for (std::size_t i = 1; i < v.size(); ++i) steps.push_back(v[i] - v[i - 1]);
+  const auto few = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10);  // values that are rare lie steps apart
+  std::nth_element(steps.begin(), few, steps.end());
+  const double step = *few;
+  std::size_t whole = 0;
+  for (const double s : steps) {
+    const double n = s / step;
+    whole += std::abs(n - std::round(n)) < 0.05 && n > 0.5;
+  }
+  return whole > steps.size() * 9 / 10 ? step : 0.0;
+}
+
 void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residual) {
   const auto ny = static_cast<Eigen::Index>(data.outputs());
   for (Eigen::Index j = 0; j < ny; ++j) {
@@ -326,7 +332,7 @@ Data prepare(const Record& record, const Machine& machine) {
       data.notes.push_back("No stimulus repeats: the noise is taken from the residual itself, so claims are weaker.");
     }
   } else {
-    throw RecordError(record.name, "records that no clock paces are not diagnosed yet", "use a clock-paced record");
+    throw RecordError(record.name, "the model " + machine.name + " has no clock to lay it out by", "cut it into stretches");
   }
   if (list.size() == 1) data.notes.push_back("One experiment only: what is held out is the end of it.");
   return data;

@@ -56,6 +56,12 @@ struct Data {
 // Lays out a record for a machine, or throws RecordError saying what to mend.
 Data prepare(const Record& record, const Machine& machine);
 
+// The columns of the machine's inputs or outputs, in its order, or RecordError saying which is missing.
+std::vector<std::size_t> columns_of(const Record& record, const Machine& machine, bool outputs);
+
+// The smallest step between the values of a column where it explains most of them; 0 where values are dense.
+double resolution_of(std::vector<double> values);
+
 // Noise from second differences of residuals, for records without repeats.
 void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residual);
 

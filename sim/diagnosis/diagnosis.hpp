@@ -10,6 +10,7 @@
 
 #include "evidence.hpp"
 #include "fit.hpp"
+#include "forecast.hpp"
 
 namespace saltus::diagnosis {
 
@@ -21,6 +22,9 @@ struct Options {
   std::vector<std::pair<std::string, double>> set;        // declared values
   std::vector<std::string> candidates;                    // empty: all; an entry ending in * is a beginning
   int holdout = -1;                                       // experiments held out; -1: a third of them
+  double holdout_share = -1.0;  // [-] of a record that no clock paces; -1: a third
+  double stretch = 0.0;         // [s] of the stretches that one is cut into; 0: chosen by the record
+  double horizon = 0.0;         // [s] of its free runs; 0: chosen by the record
   std::uint64_t seed = 1;
   double false_alarm = 0.01;  // [-] probability of any candidate passing when there is nothing
   std::function<void(double, const char*)> progress;
@@ -94,6 +98,28 @@ struct MeanCycle {                                     // (sections), of one out
   std::vector<double> before, refit, after;
 };
 
+// How an effect earned its place where the model is never quite true.
+struct Step {
+  std::string effect;
+  std::vector<std::string> beside;  // the effects it joined
+  double gain = 0.0;                // [-] of the likelihood
+  double predicted = 0.0;           // [-] error left of that before, on parts left out of the fit
+  int better = 0, parts = 0;        // parts predicted better
+  bool taken = false;
+};
+
+// What a record that no clock paces has beside.
+struct SelfPaced {
+  bool is = false;
+  double stretch = 0.0, spacing = 0.0, jitter = 0.0;  // [s], [s], [-]
+  int stretches = 0, still = 0, fitted = 0;           // all; left out because nothing moved; fitted
+  double independent = 0.0;                           // [-] independent numbers in the residual
+  std::vector<FreeRun> runs;
+  std::vector<Trace> traces;          // of the held-out free runs
+  std::vector<Step> steps;
+  std::vector<bool> explained;        // (outputs) the effects made its free runs clearly better
+};
+
 struct Diagnosis {
   Verdict verdict = Verdict::unexplained;
   std::string record, model;
@@ -125,10 +151,14 @@ struct Diagnosis {
   std::vector<double> noise;
   std::vector<std::string> output_names, output_units;
   std::vector<std::pair<std::string, double>> seconds;  // where the time went
+  SelfPaced self_paced;
 };
 
 // Throws RecordError for a record that cannot be compared with the machine.
 Diagnosis diagnose(const Record& record, Machine& machine, const Options& options);
+
+// The same for a record that no clock paces; diagnose() comes here by itself.
+Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options);
 
 // Refuses what is plainly not a record of this machine: units off by powers of ten, swapped columns, a shifted clock.
 void refuse_nonsense(const Problem& p, const Data& data, const std::string& record);

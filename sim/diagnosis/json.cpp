@@ -13,6 +13,38 @@ nlohmann::json views_json(const std::vector<View>& views) {
   return j;
 }
 
+nlohmann::json self_paced_json(const Diagnosis& d) {
+  using nlohmann::json;
+  const SelfPaced& q = d.self_paced;
+  json j{{"stretch_s", q.stretch}, {"spacing_s", q.spacing}, {"stretches", q.stretches}, {"still", q.still}, {"fitted", q.fitted},
+         {"independent", q.independent}, {"free_runs", json::array()}, {"steps", json::array()}, {"explained", json::object()}};
+  for (std::size_t o = 0; o < q.explained.size(); ++o) j["explained"][d.output_names[o]] = static_cast<bool>(q.explained[o]);
+  for (const Step& t : q.steps) {
+    j["steps"].push_back({{"effect", t.effect}, {"beside", t.beside}, {"gain", number(t.gain)}, {"error_left", number(t.predicted)},
+                          {"parts", t.parts}, {"better", t.better}, {"taken", t.taken}});
+  }
+  for (const FreeRun& f : q.runs) {
+    for (std::size_t o = 0; o < f.after.size(); ++o) {
+      // Angles in degrees.
+      const std::string& unit = d.output_units[o];
+      const bool angle = unit.substr(0, 3) == "rad";
+      const double k = angle ? 57.295779513082323 : 1.0;
+      json each = json::array();
+      for (std::size_t i = 0; i < f.begin.size(); ++i) {
+        const std::size_t ny = f.after.size();
+        each.push_back({{"t", f.begin[i]}, {"before", k * f.each[o][i]}, {"refit", k * f.each[ny + o][i]}, {"after", k * f.each[2 * ny + o][i]}});
+      }
+      j["free_runs"].push_back({{"data", f.data}, {"horizon_s", f.horizon}, {"output", d.output_names[o]},
+                                {"unit", angle ? "deg" + unit.substr(3) : unit}, {"runs", f.runs}, {"lost", f.lost},
+                                {"before", k * f.before[o]}, {"refit", k * f.refit[o]}, {"after", k * f.after[o]},
+                                {"end_before", k * f.end_before[o]}, {"end_refit", k * f.end_refit[o]}, {"end_after", k * f.end_after[o]},
+                                {"median_before", k * f.median_before[o]}, {"median_refit", k * f.median_refit[o]},
+                                {"median_after", k * f.median_after[o]}, {"noise", k * d.noise[o]}, {"each", each}});
+    }
+  }
+  return j;
+}
+
 }  // namespace
 
 nlohmann::json to_json(const Diagnosis& d) {
@@ -63,6 +95,7 @@ nlohmann::json to_json(const Diagnosis& d) {
   for (std::size_t i = 0; i < d.noise.size(); ++i) j["noise"][d.output_names[i]] = {{"value", d.noise[i]}, {"unit", d.output_units[i]}};
   j["data"] = {{"experiments", d.experiments}, {"repeats", d.repeats}, {"held_out", d.held_out}, {"rows", d.quality.rows},
                {"missing", d.quality.missing}, {"outliers", d.quality.outliers}, {"filled_inputs", d.quality.filled_inputs}};
+  if (d.self_paced.is) j["self_paced"] = self_paced_json(d);
   j["separate"] = d.separate;
   j["story"] = d.story;
   j["notes"] = d.notes;

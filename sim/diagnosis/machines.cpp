@@ -5,6 +5,9 @@ namespace saltus::diagnosis {
 std::unique_ptr<Machine> make_machine(const std::string& model) {
   if (model == "hopper") return hopper_machine();
   if (model == "bouncing_ball") return bouncing_ball_machine();
+  if (model == "pendulum") return pendulum_machine();
+  if (model == "leg_bench") return leg_bench_machine();
+  if (model == "compass_gait_robot") return compass_gait_robot_machine();
   return nullptr;
 }
 

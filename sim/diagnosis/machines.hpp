@@ -7,5 +7,8 @@ namespace saltus::diagnosis {
 
 std::unique_ptr<Machine> hopper_machine();
 std::unique_ptr<Machine> bouncing_ball_machine();
+std::unique_ptr<Machine> pendulum_machine();
+std::unique_ptr<Machine> leg_bench_machine();
+std::unique_ptr<Machine> compass_gait_robot_machine();
 
 }  // namespace saltus::diagnosis

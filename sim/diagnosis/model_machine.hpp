@@ -54,12 +54,13 @@ class ModelMachine final : public Machine {
     name = M::name;
     has_clock = clocked<M>;
     const auto add = [&](std::string label, std::string_view unit, double value, bool candidate) -> Coefficient& {
-      coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}});
+      coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, -1.0});
       return coefficients.back();
     };
     visit_parameters(nominal, [&](auto label, auto unit, double value) {
       if (label == "omega" && has_clock) clock = static_cast<int>(coefficients.size());
       Coefficient& c = add(std::string(label), unit, value, false);
+      if constexpr (requires { nominal.uncertainty(label); }) c.uncertainty = nominal.uncertainty(label);
       if constexpr (requires { nominal.structural(label); }) {  // a coefficient that changes the charts themselves
         if (const double probe = nominal.structural(label); probe > 0.0) {
           c.candidate = true;

@@ -7,4 +7,7 @@ namespace saltus::diagnosis {
 
 void tell(Diagnosis& d);
 
+// Of a record that no clock paces.
+void tell_self_paced(Diagnosis& d);
+
 }  // namespace saltus::diagnosis

@@ -39,9 +39,10 @@ struct Joined<List<As...>, List<Bs...>, Rest...> {
 template <class P, class S, bool Clocked>
 struct LawsAt {
   using always = List<Viscous<P, S>, Quadratic<P, S>, Coulomb<P, S>, AsymmetricCoulomb<P, S>, ConstantForce<P, S>>;
-  using cubic = std::conditional_t<Internal<P> || Rotary<P>, List<Cubic<P, S>>, List<>>;
+  using cubic = std::conditional_t<(Internal<P> || Rotary<P>)&&!Turning<P>, List<Cubic<P, S>>, List<>>;
+  using joint = std::conditional_t<Rotary<P>, List<Stribeck<P, S>>, List<>>;
   using picture = std::conditional_t<Clocked, List<ForceProfile<P, S>>, List<>>;
-  using type = typename Joined<always, cubic, picture>::type;
+  using type = typename Joined<always, cubic, joint, picture>::type;
 };
 
 template <class M, class Ports, class Edges, class Own>

@@ -3,7 +3,8 @@
 // candidate. `physical` is the sign a coefficient must have: +1 for what dissipates, 0 for either.
 //
 // A port says what it is: `internal` (between two parts of the machine, its displacement counted from rest),
-// `rotary` (an angle: rad and N m in the place of m and N). With neither it is a displacement against the world.
+// `rotary` (an angle: rad and N m in the place of m and N; with `turns`, one that goes round and round). With neither it
+// is a displacement against the world.
 #pragma once
 
 #include <cmath>
@@ -18,6 +19,9 @@ template <class P>
 concept Internal = P::internal;
 template <class P>
 concept Rotary = P::rotary;
+
+template <class P>
+concept Turning = P::turns;
 
 namespace effects {
 
@@ -73,6 +77,23 @@ struct AsymmetricCoulomb {
     return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &AsymmetricCoulomb::F}};
   }
   S force(P, const S&, const S& rate) const noexcept { return -F * 0.5 * (1.0 + tanh(rate / sticking_rate)); }
+};
+
+// -F exp(-|v| / scale) sign v: what dry friction has more at rest than in motion.
+template <class P, class S = double>
+struct Stribeck {
+  static constexpr std::string_view law = "stribeck";
+  static constexpr int physical = 1;
+  static constexpr bool kinked = true;
+  static constexpr bool refines = true;  // of Coulomb: considered only where the data can tell the two apart
+  static constexpr double scale = 0.5;   // [m/s or rad/s]
+  S F = 0.0;                             // [N]
+  static constexpr auto parameters() {
+    return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &Stribeck::F}};
+  }
+  S force(P, const S&, const S& rate) const noexcept {
+    return -F * exp(abs(rate) * (-1.0 / scale)) * tanh(rate / sticking_rate);
+  }
 };
 
 // -k3 d^3, d from rest.

@@ -1,5 +1,9 @@
 // saltus diagnose: given a measured record and a declared model, what does the model lack?
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <fstream>
 
 #include "../diagnosis/json.hpp"
 #include "../report/diagnosis_page.hpp"
@@ -13,16 +17,52 @@ namespace {
 struct Arguments {
   std::string record, model, json, report;
   std::vector<std::string> settings, tolerances, candidates;
-  int holdout = -1;
+  double holdout = -1.0, stretch = 0.0, horizon = 0.0;
   std::uint64_t seed = 1;
 };
 
+// What a verdict file says was found on another machine: the effects, and the parameters beside them where `own` knows
+// them by the same name.
+std::vector<Setting> carried(const std::string& path, const diagnosis::Machine& own) {
+  std::ifstream in(path);
+  nlohmann::json j;
+  try {
+    j = nlohmann::json::parse(in);
+  } catch (const nlohmann::json::exception& e) {
+    throw RunError(path + ": it is no verdict: " + e.what() + "; give the file that saltus diagnose --json wrote");
+  }
+  const auto here = [&](const std::string& name) {
+    return std::any_of(own.coefficients.begin(), own.coefficients.end(), [&](const auto& c) { return c.name == name; });
+  };
+  std::vector<Setting> r;
+  if (!j.is_object() || !j.contains("effects") || !j["effects"].is_array()) {
+    throw RunError(path + ": it has no list of effects; give the file that saltus diagnose --json wrote");
+  }
+  std::string missing;
+  for (const auto& e : j["effects"]) {
+    const auto name = e.value("name", std::string());
+    if (here(name) && e.contains("value") && e["value"].is_number()) {
+      r.push_back({name, e["value"].get<double>()});
+    } else {
+      missing += (missing.empty() ? "" : ", ") + name;
+    }
+  }
+  if (j.contains("parameters") && j["parameters"].is_array()) {
+    for (const auto& p : j["parameters"]) {
+      const auto name = p.value("name", std::string());
+      if (here(name) && p.contains("with_effect") && p["with_effect"].is_number()) r.push_back({name, p["with_effect"].get<double>()});
+    }
+  }
+  if (r.empty()) throw RunError(path + ": nothing in it fits " + own.name + (missing.empty() ? "" : " (it speaks of " + missing + ")"));
+  return r;
+}
+
 double declared_value(const diagnosis::Machine& m, const std::string& name, const std::string& option) {
   std::string names;
-  for (std::size_t i = 0; i < m.declared; ++i) {
+  for (std::size_t i = 0; i < m.coefficients.size(); ++i) {
     const auto& c = m.coefficients[i];
-    if (c.candidate) continue;
-    if (c.name == name) return c.nominal;
+    if (c.name == name && (!c.candidate || !m.has_clock)) return c.nominal;
+    if (c.candidate || i >= m.declared) continue;
     names += (names.empty() ? "" : ", ") + c.name;
   }
   throw UsageError(option + ": " + m.name + " has no parameter '" + name + "'; it has " + names);
@@ -33,13 +73,20 @@ void run(const Arguments& a) {
   const std::string model = a.model.empty() ? record.model : a.model;
   if (model.empty()) throw UsageError("--model is missing, and the record names none; models: " + known_models());
   auto machine = diagnosis::make_machine(model);
-  if (!machine) throw UsageError("--model " + model + ": there is no such model; there are " + known_models());
+  if (!machine) throw UsageError("--model " + model + ": no records of such a model are diagnosed; there are hopper, bouncing_ball, " + machine_models());
   if (!record.model.empty() && record.model != model) {
     throw RunError(a.record + ": it says it is of the model " + record.model + ", not " + model + "; choose --model " +
                    record.model + ", or correct its header");
   }
   diagnosis::Options options;
   for (const std::string& text : a.settings) {
+    if (text.find('=') == std::string::npos && std::filesystem::exists(text)) {
+      for (const Setting& s : carried(text, *machine)) {
+        options.set.emplace_back(s.name, s.value);
+        if (a.json != "-") std::printf("From %s: %s = %.6g\n", text.c_str(), s.name.c_str(), s.value);
+      }
+      continue;
+    }
     const Setting s = parse_setting(text, "--set");
     declared_value(*machine, s.name, "--set " + text);
     options.set.emplace_back(s.name, s.value);
@@ -56,7 +103,16 @@ void run(const Arguments& a) {
     options.tolerance.emplace_back(s.name, percent ? 0.01 * s.value * std::abs(nominal) : s.value);
   }
   options.candidates = a.candidates;
-  options.holdout = a.holdout;
+  if (a.holdout > 0.0 && a.holdout < 1.0) {
+    options.holdout_share = a.holdout;
+  } else {
+    if (a.holdout != std::floor(a.holdout)) {
+      throw UsageError("--holdout " + std::to_string(a.holdout) + ": a number of experiments, or a share between 0 and 1");
+    }
+    options.holdout = static_cast<int>(a.holdout);
+  }
+  options.stretch = a.stretch;
+  options.horizon = a.horizon;
   options.seed = a.seed;
   Progress progress("diagnosing");
   options.progress = [&](double fraction, const char*) { progress.at(fraction); };
@@ -79,8 +135,9 @@ void add_diagnose(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
   command->add_option("RECORD", a->record, "the record, a CSV file")->required()->check(CLI::ExistingFile);
   command->add_option("--model", a->model, "the declared model; where missing, the one the record names");
-  command->add_option("--set", a->settings, "NAME=VALUE: declare a parameter's value, in its SI unit; may be repeated")
-      ->type_name("NAME=VALUE")
+  command->add_option("--set", a->settings, "NAME=VALUE: declare a parameter's value, or an effect's size, in its SI unit; or FILE: what an earlier "
+                   "verdict (--json) found on another record; may be repeated")
+      ->type_name("NAME=VALUE|FILE")
       ->allow_extra_args(false);
   command
       ->add_option("--tolerance", a->tolerances,
@@ -93,8 +150,13 @@ void add_diagnose(CLI::App& app) {
       ->delimiter(',');
   command
       ->add_option("--holdout", a->holdout,
-                   "how many experiments, the last ones, are predicted and not fitted; default a third")
+                   "how many experiments, the last ones, are predicted and not fitted, or what share of a record that no "
+                   "clock paces (0.5); default a third")
       ->check(CLI::NonNegativeNumber);
+  command->add_option("--stretch", a->stretch, "[s] length of the stretches a record that no clock paces is cut into")
+      ->check(CLI::PositiveNumber);
+  command->add_option("--horizon", a->horizon, "[s] length of the free runs by which such a record is predicted")
+      ->check(CLI::PositiveNumber);
   command->add_option("--seed", a->seed, "seed of everything random")->capture_default_str();
   command->add_option("--report", a->report, "write a page about it into the folder DIR")->type_name("DIR");
   command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");

@@ -17,6 +17,7 @@ std::vector<std::string> names_of(L list) {
 template <class M>
 nlohmann::json describe(M m) {
   nlohmann::json j{{"name", M::name}};
+  j["edges"] = nlohmann::json::array();
   visit_each(typename M::Charts{}, [&](auto c) {
     using C = decltype(c);
     j["charts"].push_back({{"name", type_name<C>()}, {"dim", C::dim}, {"clock", HasClock<C>}});
@@ -72,6 +73,7 @@ void add_models(CLI::App& app) {
     const bool quiet = check_outputs({{"--json", *json}});
     nlohmann::json all = nlohmann::json::array();
     visit_each(KnownModels{}, [&](auto m) { all.push_back(describe(m)); });
+    visit_each(MachineModels{}, [&](auto m) { all.push_back(describe(m)); });
     if (!json->empty()) write_json(*json, all);
     if (quiet) return;
     for (const auto& j : all) print(j);

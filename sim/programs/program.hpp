@@ -81,7 +81,11 @@ void with_model(const ModelChoice& choice, F&& f) {
     set_parameters(m, choice.settings);
     f(m);
   });
-  if (!found) throw UsageError("there is no model '" + choice.name + "'; there are " + known_models());
+  if (found) return;
+  bool recorded = false;
+  visit_each(MachineModels{}, [&](auto m) { recorded = recorded || decltype(m)::name == choice.name; });
+  if (recorded) throw UsageError("'" + choice.name + "' is known from records only: see saltus diagnose --help");
+  throw UsageError("there is no model '" + choice.name + "'; there are " + known_models());
 }
 
 // Where a command writes: an option and its path, empty where it is not given.

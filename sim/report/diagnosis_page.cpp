@@ -9,6 +9,7 @@
 #include <stdexcept>
 
 #include "plot.hpp"
+#include "self_paced_section.hpp"
 
 namespace saltus {
 namespace {
@@ -192,6 +193,21 @@ std::string profile_figure(const Diagnosis& d) {
   return drawn(figure);
 }
 
+std::string self_paced_section(const Diagnosis& d) {
+  std::string h = "<h2>Free runs</h2>\n<p>Each run starts where the record is, is driven as recorded and left alone; what the model then predicts is held "
+                  "against the measurement. Nothing of a run but its first samples was used to predict it.</p>\n" +
+                  free_run_table(d);
+  for (const Figure& f : free_run_figures(d)) h += drawn(f);
+  if (!d.self_paced.steps.empty()) {
+    h += "<h2>How each effect earned its place</h2>\n<p>No model of a real machine is true down to its sensors' noise, so nothing is tested against that. "
+         "What is left of the measurement is correlated in time: " +
+         format("%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against that, ", d.self_paced.independent,
+                d.threshold * d.threshold) +
+         "and, fitted on part of the data, leaves at most 97 % of the error of predicting the rest.</p>\n" + step_table(d);
+  }
+  return h;
+}
+
 const char* const style = R"(<style>
 body{font:15px/1.5 system-ui,"DejaVu Sans",sans-serif;color:#222;max-width:1040px;margin:2em auto;padding:0 1em}
 h1{font-size:1.5em;margin-bottom:.2em}h2{font-size:1.15em;margin-top:2em;border-bottom:1px solid #ddd;padding-bottom:.2em}
@@ -222,7 +238,10 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   std::string h = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n<title>" +
                   escaped(d.model) + ": " + words(d.verdict) + "</title>\n" + style + "</head><body>\n";
   h += "<h1>What does the model " + escaped(d.model) + " lack?</h1>\n<p class=\"muted\">Record " + escaped(d.record) + "; " +
-       format("%d experiments, %d repeats, %d candidates tried.", d.experiments, d.repeats, d.tried) + "</p>\n";
+       (d.self_paced.is ? format("%d experiment%s in %d stretches, %d candidates tried.", d.experiments, d.experiments == 1 ? "" : "s",
+                                 d.self_paced.stretches, d.tried)
+                        : format("%d experiments, %d repeats, %d candidates tried.", d.experiments, d.repeats, d.tried)) +
+       "</p>\n";
   h += "<div class=\"verdict " + name(d.verdict) + "\"><b>" + words(d.verdict) + "</b><br>\n";
   for (const Finding& f : d.effects) {
     h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + " " + escaped(f.unit) + "</span><br>95 % between " + number(f.low) +
@@ -259,12 +278,14 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
     }
     h += "</p>\n";
   }
-  h += "<table><tr><th>is anything left?</th><th>declared</th><th>refitted</th><th>after</th><th>p, after</th></tr>\n";
+  if (!d.views_after.empty()) h += "<table><tr><th>is anything left?</th><th>declared</th><th>refitted</th><th>after</th><th>p, after</th></tr>\n";
   for (std::size_t i = 0; i < d.views_after.size() && i < d.views_refit.size() && i < d.views_declared.size(); ++i) {
     h += "<tr><td>" + escaped(d.views_after[i].name) + ", power over that of the noise</td><td>" + number(d.views_declared[i].ratio) + "</td><td>" +
          number(d.views_refit[i].ratio) + "</td><td>" + number(d.views_after[i].ratio) + "</td><td>" + number(d.views_after[i].p, "%.2g") + "</td></tr>\n";
   }
-  h += "</table>\n" + residual_figure(d);
+  if (!d.views_after.empty()) h += "</table>\n";
+  h += residual_figure(d);
+  if (d.self_paced.is) h += self_paced_section(d);
 
   const std::string profile = profile_figure(d);
   if (!profile.empty()) {

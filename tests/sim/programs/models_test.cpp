@@ -73,5 +73,9 @@ TEST_CASE("Every model of the registry is listed, in the table and in the file")
       named(j.at("charts"), edge.at("to"));
     }
   });
-  CHECK(all.size() == models);
+  CHECK(all.size() == models + saltus::MachineModels::size);
+  for (const char* machine : {"pendulum", "leg_bench", "compass_gait_robot"}) {
+    INFO(machine);
+    CHECK(named(all, machine).at("parameters").size() >= 4);
+  }
 }

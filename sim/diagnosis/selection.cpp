@@ -1,0 +1,332 @@
+#include "selection.hpp"
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/trace/statistics.hpp"
+
+namespace saltus::diagnosis {
+namespace {
+
+constexpr std::size_t most_effects = 4;
+constexpr double enough_better = 0.97;   // [-] of the error before: an effect that predicts hardly better is not claimed
+
+std::vector<int> with(std::vector<int> set, int e) {
+  if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);
+  std::sort(set.begin(), set.end());
+  return set;
+}
+std::vector<int> without(std::vector<int> set, int e) {
+  set.erase(std::remove(set.begin(), set.end(), e), set.end());
+  return set;
+}
+bool has(const std::vector<int>& set, int e) { return std::find(set.begin(), set.end(), e) != set.end(); }
+
+// Mean square of the residual in units of the sensors' noise, and in how many independent numbers it comes: the sum of
+// its correlation up to where that vanishes says how many samples make one. One scale for all outputs: what is left is
+// the model's error, seen by each sensor as well as it sees.
+void measure(const Problem& p, const std::vector<int>& segments, const Eigen::VectorXd& sensors, Attempt& a) {
+  const Data& data = *p.data;
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  const auto r = residuals(p, segments, a.fit);
+  std::vector<Eigen::VectorXd> e;
+  double squares = 0.0, n = 0.0;
+  Eigen::Index longest = 0;
+  for (const int s : segments) {
+    e.push_back(r[static_cast<std::size_t>(s)]);
+    const auto& w = data.segments[static_cast<std::size_t>(s)].count;
+    for (Eigen::Index i = 0; i < e.back().size(); ++i) {
+      e.back()[i] *= std::sqrt(w[i]) / sensors[i % ny];
+      n += w[i];
+    }
+    squares += e.back().squaredNorm();
+    longest = std::max(longest, e.back().size() / ny);
+  }
+  double together = 1.0;
+  for (Eigen::Index lag = 1; lag < longest && squares > 0.0; ++lag) {
+    double product = 0.0;
+    for (const Eigen::VectorXd& x : e) {
+      if (x.size() > lag * ny) product += x.head(x.size() - lag * ny).dot(x.tail(x.size() - lag * ny));
+    }
+    if (product < 0.05 * squares) break;
+    together += 2.0 * product / squares;
+  }
+  a.scale = std::max(squares / std::max(1.0, n), 1e-300);
+  a.independent = std::max(1.0, n / together);
+  a.noise = sensors * std::sqrt(a.scale * together);
+}
+
+}  // namespace
+
+Selection::Selection(const Problem& p, Data& data, std::vector<int> segments, std::vector<int> blocks,
+                     std::vector<int> candidates, double false_alarm)
+    : p_(p), data_(data), segments_(std::move(segments)), blocks_(std::move(blocks)), candidates_(std::move(candidates)) {
+  threshold_ = largest_of(std::max(1, static_cast<int>(candidates_.size())), false_alarm);
+  sensors_ = data.noise;
+}
+
+bool Selection::physical(int coefficient, double value) const {
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
+  return c.physical == 0 || value > 0.0;
+}
+
+double Selection::cost(const Attempt& a, const Attempt& like) const {
+  return a.fit.penalty + like.independent * std::log(a.scale);
+}
+double Selection::bic(const Attempt& a, const Attempt& like) const {
+  return cost(a, like) + static_cast<double>(a.effects.size()) * std::log(std::max(2.0, like.independent));
+}
+
+const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise) {
+  if (const auto it = pool_.find(effects); it != pool_.end()) return it->second;
+  Attempt a{effects, from, 1.0, 1.0, noise};
+  for (int round = 0; round < 4; ++round) {
+    const Eigen::VectorXd before = a.noise;
+    data_.noise = a.noise;
+    FitOptions o;
+    o.iterations = round == 0 ? 30 : 10;
+    o.enough = 0.1;
+    a.fit = fit(p_, segments_, a.fit, effects, o);
+    if (!std::isfinite(a.fit.chi2)) {  // the start of the fit cannot be run: as if it explained nothing
+      a.scale = 1e100;
+      break;
+    }
+    measure(p_, segments_, sensors_, a);
+    if (((a.noise - before).cwiseAbs().array() < 0.1 * before.array()).all()) break;
+  }
+  return pool_.emplace(effects, std::move(a)).first->second;
+}
+
+Evidence Selection::evidence_of(const Attempt& a) const {
+  data_.noise = a.noise;
+  return evidence(p_, segments_, a.fit, candidates_);
+}
+
+void Selection::baseline(const Fit& declared) {
+  attempt({}, declared, data_.noise);
+  result_ = {};
+  reweigh();
+  base_evidence_ = evidence_of(base());
+}
+
+// Stretches that disagree count less, as if their errors were Student's: an unstable machine, or one that something
+// else moves, is now and then far off. Then the result and the baseline once more.
+void Selection::reweigh() {
+  constexpr double degrees = 5.0;
+  Attempt a = pool_.at(result_);
+  const auto r = residuals(p_, segments_, a.fit);
+  const auto ny = static_cast<Eigen::Index>(data_.outputs());
+  for (int round = 0; round < 6; ++round) {
+    measure(p_, segments_, sensors_, a);
+    for (const int s : segments_) {
+      Segment& g = data_.segments[static_cast<std::size_t>(s)];
+      const auto& e = r[static_cast<std::size_t>(s)];
+      double far = 0.0, n = 0.0;
+      for (Eigen::Index i = 0; i < e.size(); ++i) {
+        far += e[i] * e[i] / (a.scale * sensors_[i % ny] * sensors_[i % ny]);
+        n += g.count[i] > 0.0;
+      }
+      const double w = std::min(1.0, (degrees + 1.0) / (degrees + far / std::max(1.0, n)));
+      for (Eigen::Index i = 0; i < e.size(); ++i) g.count[i] = g.count[i] > 0.0 ? w : 0.0;
+    }
+  }
+  const Attempt b = base();
+  pool_.clear();
+  left_out_.clear();
+  attempt(a.effects, a.fit, a.noise);
+  if (!a.effects.empty()) attempt({}, b.fit, b.noise);
+}
+
+const std::vector<double>& Selection::left_out(const Attempt& a) {
+  if (const auto it = left_out_.find(a.effects); it != left_out_.end()) return it->second;
+  const int parts = *std::max_element(blocks_.begin(), blocks_.end()) + 1;
+  std::vector<double> sums(static_cast<std::size_t>(parts), 0.0);
+  data_.noise = a.noise;
+  const auto ny = static_cast<Eigen::Index>(data_.outputs());
+  for (int part = 0; part < parts; ++part) {
+    std::vector<int> kept, gone;
+    for (std::size_t i = 0; i < segments_.size(); ++i) (blocks_[i] == part ? gone : kept).push_back(segments_[i]);
+    FitOptions o;
+    o.iterations = 5;
+    o.enough = 0.3;
+    const Fit f = fit(p_, kept, a.fit, a.effects, o);
+    FitOptions starts;
+    starts.refit_parameters = false;
+    starts.iterations = 6;
+    const Fit g = fit(p_, gone, f, {}, starts);
+    const auto r = residuals(p_, gone, g);
+    for (const int s : gone) {
+      const auto& e = r[static_cast<std::size_t>(s)];
+      for (Eigen::Index i = 0; i < e.size(); ++i) {
+        sums[static_cast<std::size_t>(part)] += data_.segments[static_cast<std::size_t>(s)].count[i] * e[i] * e[i] / (sensors_[i % ny] * sensors_[i % ny]);
+      }
+    }
+  }
+  return left_out_.emplace(a.effects, std::move(sums)).first->second;
+}
+
+Trial1 Selection::examine(const Attempt& more, const Attempt& less, int effect) {
+  Trial1 t;
+  t.effect = effect;
+  t.beside = less.effects;
+  t.gain = cost(less, more) - cost(more, more);
+  const double careful = cost(less, less) - cost(more, less);  // with the numbers that the worse residual has
+  t.gain = std::min(t.gain, careful);
+  const auto& a = left_out(more);
+  const auto& b = left_out(less);
+  double sum_a = 0.0, sum_b = 0.0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    sum_a += a[i];
+    sum_b += b[i];
+    t.better += a[i] < b[i];
+  }
+  t.parts = static_cast<int>(a.size());
+  t.predicted = std::sqrt(sum_a / std::max(1e-300, sum_b));
+  return t;
+}
+
+bool Selection::convincing(const Trial1& t) const {
+  return t.gain > threshold_ * threshold_ && t.predicted < enough_better && 2 * t.better > t.parts;
+}
+
+const Attempt& Selection::run(const std::function<void(double)>& progress) {
+  const auto value_at = [&](int c, double estimate) {
+    return p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + estimate;
+  };
+  for (std::size_t size = 0; size < most_effects; ++size) {
+    const Attempt current = pool_.at(result_);
+    const Evidence e = size == 0 ? base_evidence_ : evidence_of(current);
+    struct Lead {
+      int c;
+      double estimate, z;
+    };
+    std::vector<Lead> leads;
+    for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+      const auto k = static_cast<Eigen::Index>(i);
+      const int c = e.candidate[i];
+      if (!e.usable(k) || !physical(c, e.value[k]) || has(current.effects, c) || std::abs(e.z[k]) < 2.0) continue;
+      leads.push_back({c, e.value[k], std::abs(e.z[k])});
+    }
+    std::sort(leads.begin(), leads.end(), [](const Lead& a, const Lead& b) { return a.z > b.z; });
+    if (leads.size() > (size == 0 ? 5 : 4)) leads.resize(size == 0 ? 5 : 4);
+    std::vector<std::pair<double, int>> order;  // cost with it, effect
+    for (std::size_t i = 0; i < leads.size(); ++i) {
+      Fit f = current.fit;
+      f.values[static_cast<std::size_t>(leads[i].c)] = value_at(leads[i].c, leads[i].estimate);
+      const Attempt& a = attempt(with(current.effects, leads[i].c), f, current.noise);
+      order.emplace_back(cost(a, current), leads[i].c);
+      if (size == 0) alone_[leads[i].c] = {bic(a, current) - bic(current, current), a.fit.values[static_cast<std::size_t>(leads[i].c)]};
+      progress(0.1 + 0.15 * (static_cast<double>(size) + static_cast<double>(i) / static_cast<double>(leads.size())));
+    }
+    std::sort(order.begin(), order.end());
+    bool added = false;
+    for (std::size_t i = 0; i < order.size() && i < 2 && !added; ++i) {
+      const int c = order[i].second;
+      const Attempt more = pool_.at(with(current.effects, c));
+      if (cost(current, current) - cost(more, current) < threshold_ * threshold_) break;
+      Trial1 t = examine(more, current, c);
+      t.taken = convincing(t);
+      account_.push_back(t);
+      if (!t.taken) continue;
+      result_ = more.effects;
+      added = true;
+    }
+    if (!added) break;
+    reweigh();
+    // What the new one makes superfluous goes.
+    for (bool again = true; again && result_.size() > 1;) {
+      again = false;
+      for (const int old : result_) {
+        if (old == account_.back().effect) continue;
+        const Attempt now = pool_.at(result_);
+        Fit f = now.fit;
+        f.values[static_cast<std::size_t>(old)] = p_.machine->coefficients[static_cast<std::size_t>(old)].nominal;
+        const Attempt& less = attempt(without(result_, old), f, now.noise);
+        if (cost(less, now) - cost(now, now) < threshold_ * threshold_) {
+          result_ = less.effects;
+          again = true;
+          break;
+        }
+      }
+    }
+  }
+  return result();
+}
+
+const Attempt& Selection::adopt(const Attempt& a) {
+  const Attempt copy = a;
+  Fit plain = a.fit;
+  for (const int e : a.effects) {
+    plain.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+  }
+  pool_.clear();
+  attempt({}, plain, copy.noise);
+  attempt(copy.effects, copy.fit, copy.noise);
+  result_ = copy.effects;
+  reweigh();
+  return result();
+}
+
+std::vector<Selection::Tie> Selection::ties() {
+  std::vector<Tie> r;
+  const Attempt best = result();
+  for (const int e : best.effects) {
+    Fit f = best.fit;
+    f.free.erase(std::remove(f.free.begin(), f.free.end(), e), f.free.end());
+    data_.noise = best.noise;
+    const Evidence v = evidence(p_, segments_, f, candidates_);
+    const auto i = v.find(e);
+    if (i < 0) continue;
+    const double value = best.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+    std::vector<std::pair<double, Eigen::Index>> alike;
+    for (std::size_t k = 0; k < v.candidate.size(); ++k) {
+      const auto j = static_cast<Eigen::Index>(k);
+      if (v.candidate[k] == e || !v.usable(j) || has(best.effects, v.candidate[k])) continue;
+      alike.emplace_back(-std::abs(v.cosine(i, j)), j);
+    }
+    std::sort(alike.begin(), alike.end());
+    for (std::size_t k = 0; k < alike.size() && k < 3; ++k) {
+      const Eigen::Index j = alike[k].second;
+      const int c = v.candidate[static_cast<std::size_t>(j)];
+      const double start = value * v.information(i, j) / v.information(j, j);
+      if (!physical(c, start)) continue;
+      Fit g = best.fit;
+      g.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+      g.values[static_cast<std::size_t>(c)] = p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + start;
+      const Attempt& a = attempt(with(without(best.effects, e), c), g, best.noise);
+      r.push_back({e, c, v.cosine(i, j), bic(a, best) - bic(best, best)});
+    }
+  }
+  return r;
+}
+
+Eigen::VectorXd Selection::errors(const Attempt& a) const {
+  data_.noise = a.noise;
+  const Signatures s = signatures(p_, segments_, a.fit, {});
+  const auto n = static_cast<Eigen::Index>(s.nuisance.size());
+  Eigen::MatrixXd H = s.N.transpose() * s.N, meat = Eigen::MatrixXd::Zero(n, n);
+  for (std::size_t j = 0; j < s.offset.size(); ++j) {
+    const Eigen::Index end = j + 1 < s.offset.size() ? s.offset[j + 1] : s.N.rows();
+    const auto part = Eigen::seqN(s.offset[j], end - s.offset[j]);
+    const Eigen::VectorXd g = s.N(part, Eigen::all).transpose() * s.r(part);
+    meat += g * g.transpose();
+  }
+  const double k = static_cast<double>(s.offset.size());
+  meat *= k / std::max(1.0, k - 1.0);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const auto c = static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(i)]);
+    if (c >= p_.tolerance.size() || !(p_.tolerance[c] > 0.0)) continue;
+    const double prior = 1.0 / (p_.tolerance[c] * p_.tolerance[c]);
+    H(i, i) += prior;
+    meat(i, i) += prior;
+  }
+  const Eigen::VectorXd d = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd inverse = Eigen::LDLT<Eigen::MatrixXd>(d.asDiagonal() * H * d.asDiagonal()).solve(Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd covariance = inverse * (d.asDiagonal() * meat * d.asDiagonal()) * inverse;
+  return d.cwiseProduct(covariance.diagonal().cwiseMax(0.0).cwiseSqrt());
+}
+
+}  // namespace saltus::diagnosis

@@ -1,0 +1,94 @@
+// The search for effects where the model is never quite true. On a real machine what is left is not noise: it is larger
+// than the sensors' and correlated in time. So nothing is tested against the sensors' noise. An effect must earn its
+// place against the residual itself, counted as the few independent numbers that it is, and in prediction: fitted on
+// part of the data it must predict the rest better.
+#pragma once
+
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "evidence.hpp"
+
+namespace saltus::diagnosis {
+
+// A set of effects fitted, with the residual that it leaves.
+struct Attempt {
+  std::vector<int> effects;  // sorted
+  Fit fit;
+  double scale = 1.0;        // [-] mean square of the residual in units of the sensors' noise
+  double independent = 1.0;  // [-] independent numbers in it
+  Eigen::VectorXd noise;     // (outputs) [unit] such that the residual's sum of squares over it counts those
+};
+
+// Why an effect was taken, or was not.
+struct Trial1 {
+  int effect = -1;
+  std::vector<int> beside;   // the effects it joined
+  double gain = 0.0;         // [-] fall of -2 log likelihood, the residual's own variance
+  double predicted = 0.0;    // [-] error left of that before, on parts left out of the fit: root mean square
+  int better = 0, parts = 0; // parts that were predicted better
+  bool taken = false;
+};
+
+class Selection {
+ public:
+  // Changes data.noise as it goes, and the weights (count) of stretches that disagree with the others; `blocks`: for every segment the part it is left out with.
+  Selection(const Problem& p, Data& data, std::vector<int> segments, std::vector<int> blocks,
+            std::vector<int> candidates, double false_alarm);
+
+  void baseline(const Fit& declared);
+  const Attempt& run(const std::function<void(double)>& progress);
+
+  // Takes a set of effects found elsewhere and fits it here.
+  const Attempt& adopt(const Attempt& a);
+
+  // Exchanges each effect of the result for what looks most like it.
+  struct Tie {
+    int from, to;
+    double cosine, above;  // [-] BIC above the result
+  };
+  std::vector<Tie> ties();
+
+  const Attempt& base() const { return pool_.at({}); }
+  const Attempt& result() const { return pool_.at(result_); }
+  const Evidence& base_evidence() const { return base_evidence_; }
+  Evidence evidence_of(const Attempt& a) const;
+  const std::map<std::vector<int>, Attempt>& pool() const { return pool_; }
+  const std::vector<Trial1>& account() const { return account_; }
+  // By effect, of those tried alone: BIC against the baseline, and the value.
+  const std::map<int, std::pair<double, double>>& alone() const { return alone_; }
+  const std::vector<int>& candidates() const { return candidates_; }
+  double threshold() const { return threshold_; }
+  bool physical(int coefficient, double value) const;
+  // -2 log likelihood with the penalty of the declared tolerances, for as many independent numbers as `like` has.
+  double cost(const Attempt& a, const Attempt& like) const;
+  double bic(const Attempt& a, const Attempt& like) const;
+
+  // Standard errors of the free coefficients that hold whatever the residual is within a stretch: from how the
+  // stretches disagree.
+  Eigen::VectorXd errors(const Attempt& a) const;
+
+ private:
+  void reweigh();
+  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise);
+  // Mean squares in units of `noise`, part by part, of what a fit to the other parts predicts.
+  const std::vector<double>& left_out(const Attempt& a);
+  Trial1 examine(const Attempt& with, const Attempt& without, int effect);
+  bool convincing(const Trial1& t) const;
+
+  const Problem& p_;
+  Data& data_;
+  std::vector<int> segments_, blocks_, candidates_;
+  double threshold_ = 4.0;
+  Evidence base_evidence_;
+  std::map<std::vector<int>, Attempt> pool_;
+  std::map<std::vector<int>, std::vector<double>> left_out_;  // sum of squares by part, in units of the sensors' noise
+  Eigen::VectorXd sensors_;  // (outputs) [unit] their noise
+  std::vector<int> result_;
+  std::vector<Trial1> account_;
+  std::map<int, std::pair<double, double>> alone_;
+};
+
+}  // namespace saltus::diagnosis
