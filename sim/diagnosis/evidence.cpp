@@ -151,8 +151,31 @@ double Evidence::cosine(Eigen::Index i, Eigen::Index j) const {
 
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances) {
+  return weigh(p, segments, f, signatures(p, segments, f, candidates), tolerances);
+}
+
+Evidence among(const Evidence& e, const std::vector<int>& candidates) {
+  std::vector<Eigen::Index> keep;
+  Evidence r;
+  for (const int c : candidates) {
+    const Eigen::Index i = e.find(c);
+    if (i < 0) continue;
+    keep.push_back(i);
+    r.candidate.push_back(c);
+    r.imitated_by.push_back(e.imitated_by[static_cast<std::size_t>(i)]);
+  }
+  r.z = e.z(keep);
+  r.value = e.value(keep);
+  r.error = e.error(keep);
+  r.kept = e.kept(keep);
+  r.identified = e.identified(keep);
+  r.score = e.score(keep);
+  r.information = e.information(keep, keep);
+  return r;
+}
+
+Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s, double tolerances) {
   const Data& data = *p.data;
-  const Signatures s = signatures(p, segments, f, candidates);
   const auto n = static_cast<Eigen::Index>(s.candidates.size());
   const auto m = static_cast<Eigen::Index>(s.nuisance.size());
   Evidence e;

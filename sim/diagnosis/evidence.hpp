@@ -35,4 +35,10 @@ struct Evidence {
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances = 1.0);
 
+// The same from signatures that are known already.
+Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
+               double tolerances = 1.0);
+// The same for some of the candidates.
+Evidence among(const Evidence& e, const std::vector<int>& candidates);
+
 }  // namespace saltus::diagnosis

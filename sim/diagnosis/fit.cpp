@@ -445,4 +445,22 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
   return out;
 }
 
+Signatures released(const Signatures& s, int coefficient) {
+  const auto at = std::find(s.nuisance.begin(), s.nuisance.end(), coefficient) - s.nuisance.begin();
+  const auto i = static_cast<Eigen::Index>(at);
+  if (i == s.N.cols()) return s;
+  Signatures out;
+  out.r = s.r;
+  out.offset = s.offset;
+  out.nuisance = s.nuisance;
+  out.nuisance.erase(out.nuisance.begin() + at);
+  out.candidates = s.candidates;
+  out.candidates.push_back(coefficient);
+  out.N.resize(s.N.rows(), s.N.cols() - 1);
+  out.N << s.N.leftCols(i), s.N.rightCols(s.N.cols() - 1 - i);
+  out.C.resize(s.C.rows(), s.C.cols() + 1);
+  out.C << s.C, s.N.col(i);
+  return out;
+}
+
 }  // namespace saltus::diagnosis

@@ -59,6 +59,8 @@ struct Signatures {
   Eigen::VectorXd r;            // (rows) whitened residual
   std::vector<Eigen::Index> offset;  // first row of each segment
 };
+// The same with a coefficient that was refitted among the candidates.
+Signatures released(const Signatures& s, int coefficient);
 Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates);
 
 }  // namespace saltus::diagnosis

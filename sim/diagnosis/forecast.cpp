@@ -25,7 +25,6 @@ std::vector<double> run_free(const Problem& p, const Segment& s, const std::vect
     if (samples == enough) break;
   }
   const Response y = p.machine->values_only(values, s.course(p.h_max), start);
-  ++p.runs;
   if (!usable(y.status)) return {};
   return y.y;
 }

@@ -72,8 +72,19 @@ void Search::baseline(const Fit& declared) {
   }
   if (kept.size() != candidates_.size()) {
     candidates_ = std::move(kept);
-    base_gate_ = gate(base().fit);
+    base_gate_.evidence = among(e, candidates_);
+    judge_scores(base_gate_);
   }
+}
+
+const Signatures& Search::signatures_at(const Fit& f) const {
+  constexpr std::size_t most = 4;
+  for (const Known& k : known_) {
+    if (k.free == f.free && k.values == f.values) return k.signatures;
+  }
+  if (known_.size() == most) known_.pop_front();
+  known_.push_back({f.free, f.values, signatures(p_, segments_, f, candidates_)});
+  return known_.back().signatures;
 }
 
 std::vector<int> Search::judged() const {
@@ -89,7 +100,15 @@ Gate Search::gate(const Fit& f) const {
   Gate g;
   g.views = views(p_, segments_, f);
   for (const View& v : g.views) g.views_pass = g.views_pass && v.p > view_level_;
-  g.evidence = evidence(p_, segments_, f, candidates_);
+  g.evidence = among(weigh(p_, segments_, f, signatures_at(f)), candidates_);
+  judge_scores(g);
+  return g;
+}
+
+void Search::judge_scores(Gate& g) const {
+  g.worst = -1;
+  g.worst_z = 0.0;
+  g.scores_pass = true;
   for (std::size_t i = 0; i < g.evidence.candidate.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     if (!g.evidence.usable(k)) continue;
@@ -99,7 +118,6 @@ Gate Search::gate(const Fit& f) const {
       g.scores_pass = false;
     }
   }
-  return g;
 }
 
 const Trial& Search::explore(const std::vector<int>& from, int added, double estimate, bool patient) {
@@ -186,7 +204,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     if (sets.size() > 2) sets.resize(2);
     std::vector<Lead> next;
     for (const Trial* t : sets) {
-      const Evidence e = evidence(p_, segments_, t->fit, candidates_);
+      const Evidence e = among(weigh(p_, segments_, t->fit, signatures_at(t->fit)), candidates_);
       const auto some = leads_at(*t, e, 3);
       next.insert(next.end(), some.begin(), some.end());
     }
@@ -269,7 +287,7 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
   for (const int e : best_trial.effects) {
     Fit f = best_trial.fit;
     f.free.erase(std::remove(f.free.begin(), f.free.end(), e), f.free.end());
-    const Evidence v = evidence(p_, segments_, f, candidates_);
+    const Evidence v = among(weigh(p_, segments_, f, released(signatures_at(best_trial.fit), e)), candidates_);
     const auto i = v.find(e);
     if (i < 0 || !(v.error[i] > 0.0)) continue;
     const double value = best_trial.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;

@@ -1,6 +1,7 @@
 // The search for the smallest set of effects that leaves nothing but noise.
 #pragma once
 
+#include <deque>
 #include <functional>
 #include <map>
 #include <string>
@@ -61,6 +62,8 @@ class Search {
  private:
   const Trial& explore(const std::vector<int>& from, int added, double estimate, bool patient);
   const Trial& store(Trial t);
+  void judge_scores(Gate& g) const;
+  const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
 
   const Problem& p_;
@@ -70,6 +73,13 @@ class Search {
   double samples_ = 0.0;
   Gate base_gate_;
   std::map<std::vector<int>, Trial> pool_;
+  // Signatures are most of the work, and asked for more than once at the same fit.
+  struct Known {
+    std::vector<int> free;
+    std::vector<double> values;
+    Signatures signatures;
+  };
+  mutable std::deque<Known> known_;
 };
 
 }  // namespace saltus::diagnosis

@@ -103,7 +103,6 @@ std::vector<double> unwrapped(const std::vector<double>& v, const std::vector<in
 double growth(const Problem& p, const Segment& s, std::span<const double> values) {
   const Machine& m = *p.machine;
   const Response y = m.run(values, s.course(p.h_max), s.guess, {}, true);
-  ++p.runs;
   if (!usable(y.status)) return 1e300;
   const auto ny = p.data->outputs(), width = static_cast<std::size_t>(m.width());
   double most = 1.0;
@@ -225,7 +224,6 @@ bool start_from(const Problem& p, const Segment& s, std::span<const double> valu
   const auto coordinates = m.free_coordinates(start.chart);
   for (int round = 0; round < 6; ++round) {
     const Response y = m.run(values, course, start, {}, true);
-    ++p.runs;
     if (!usable(y.status)) return false;
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     const Eigen::Map<const RowMajor> all(y.gradient.data(), rows, m.width());
