@@ -80,15 +80,15 @@ double Selection::bic(const Attempt& a, const Attempt& like) const {
   return cost(a, like) + static_cast<double>(a.effects.size()) * std::log(std::max(2.0, like.independent));
 }
 
-const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise) {
-  if (const auto it = pool_.find(effects); it != pool_.end()) return it->second;
-  Attempt a{effects, from, 1.0, 1.0, noise};
-  for (int round = 0; round < 4; ++round) {
+const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise, bool brief) {
+  if (const auto it = pool_.find(effects); it != pool_.end() && (brief || !it->second.brief)) return it->second;
+  Attempt a{effects, from, 1.0, 1.0, noise, brief};
+  for (int round = 0; round < (brief ? 1 : 4); ++round) {
     const Eigen::VectorXd before = a.noise;
     data_.noise = a.noise;
     FitOptions o;
-    o.iterations = round == 0 ? 30 : 10;
-    o.enough = 0.1;
+    o.iterations = brief ? 8 : round == 0 ? 30 : 10;
+    o.enough = brief ? 1.0 : 0.3;
     a.fit = fit(p_, segments_, a.fit, effects, o);
     if (!std::isfinite(a.fit.chi2)) {  // the start of the fit cannot be run: as if it explained nothing
       a.scale = 1e100;
@@ -97,7 +97,7 @@ const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& fr
     measure(p_, segments_, sensors_, a);
     if (((a.noise - before).cwiseAbs().array() < 0.1 * before.array()).all()) break;
   }
-  return pool_.emplace(effects, std::move(a)).first->second;
+  return pool_.insert_or_assign(effects, std::move(a)).first->second;
 }
 
 Evidence Selection::evidence_of(const Attempt& a) const {
@@ -150,12 +150,13 @@ const std::vector<double>& Selection::left_out(const Attempt& a) {
     std::vector<int> kept, gone;
     for (std::size_t i = 0; i < segments_.size(); ++i) (blocks_[i] == part ? gone : kept).push_back(segments_[i]);
     FitOptions o;
-    o.iterations = 5;
-    o.enough = 0.3;
+    o.iterations = 4;
+    o.enough = 0.5;
     const Fit f = fit(p_, kept, a.fit, a.effects, o);
     FitOptions starts;
     starts.refit_parameters = false;
-    starts.iterations = 6;
+    starts.iterations = 4;
+    starts.enough = 0.5;
     const Fit g = fit(p_, gone, f, {}, starts);
     const auto r = residuals(p_, gone, g);
     for (const int s : gone) {
@@ -216,7 +217,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     for (std::size_t i = 0; i < leads.size(); ++i) {
       Fit f = current.fit;
       f.values[static_cast<std::size_t>(leads[i].c)] = value_at(leads[i].c, leads[i].estimate);
-      const Attempt& a = attempt(with(current.effects, leads[i].c), f, current.noise);
+      const Attempt& a = attempt(with(current.effects, leads[i].c), f, current.noise, true);
       order.emplace_back(cost(a, current), leads[i].c);
       if (size == 0) alone_[leads[i].c] = {bic(a, current) - bic(current, current), a.fit.values[static_cast<std::size_t>(leads[i].c)]};
       progress(0.1 + 0.15 * (static_cast<double>(size) + static_cast<double>(i) / static_cast<double>(leads.size())));
@@ -225,7 +226,8 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     bool added = false;
     for (std::size_t i = 0; i < order.size() && i < 2 && !added; ++i) {
       const int c = order[i].second;
-      const Attempt more = pool_.at(with(current.effects, c));
+      const Attempt first = pool_.at(with(current.effects, c));
+      const Attempt more = attempt(first.effects, first.fit, first.noise);
       if (cost(current, current) - cost(more, current) < threshold_ * threshold_) break;
       Trial1 t = examine(more, current, c);
       t.taken = convincing(t);

@@ -20,6 +20,7 @@ struct Attempt {
   double scale = 1.0;        // [-] mean square of the residual in units of the sensors' noise
   double independent = 1.0;  // [-] independent numbers in it
   Eigen::VectorXd noise;     // (outputs) [unit] such that the residual's sum of squares over it counts those
+  bool brief = false;        // a few steps only, to see whether it is worth more
 };
 
 // Why an effect was taken, or was not.
@@ -72,8 +73,8 @@ class Selection {
 
  private:
   void reweigh();
-  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise);
-  // Mean squares in units of `noise`, part by part, of what a fit to the other parts predicts.
+  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise, bool brief = false);
+  // Sums of squares in units of the sensors' noise, part by part, of what a fit to the other parts predicts.
   const std::vector<double>& left_out(const Attempt& a);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
   bool convincing(const Trial1& t) const;
