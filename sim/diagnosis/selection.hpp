@@ -26,16 +26,17 @@ struct Attempt {
 // Why an effect was taken, or was not.
 struct Trial1 {
   int effect = -1;
-  std::vector<int> beside;   // the effects it joined
-  double gain = 0.0;         // [-] fall of -2 log likelihood, the residual's own variance
-  double predicted = 0.0;    // [-] error left of that before, on parts left out of the fit: root mean square
-  int better = 0, parts = 0; // parts that were predicted better
+  std::vector<int> beside;    // the effects it joined
+  double gain = 0.0;          // [-] fall of -2 log likelihood, the residual's own variance
+  double predicted = 0.0;     // [-] error left of that before, on parts left out of the fit: root mean square
+  int better = 0, parts = 0;  // parts that were predicted better
   bool taken = false;
 };
 
 class Selection {
  public:
-  // Changes data.noise as it goes, and the weights (count) of stretches that disagree with the others; `blocks`: for every segment the part it is left out with.
+  // Changes data.noise as it goes, and the weights (count) of stretches that disagree with the others; `blocks`: for
+  // every segment the part it is left out with.
   Selection(const Problem& p, Data& data, std::vector<int> segments, std::vector<int> blocks,
             std::vector<int> candidates, double false_alarm);
 
@@ -73,7 +74,8 @@ class Selection {
 
  private:
   void reweigh();
-  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise, bool brief = false);
+  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise,
+                         bool brief = false);
   // Sums of squares in units of the sensors' noise, part by part, of what a fit to the other parts predicts.
   const std::vector<double>& left_out(const Attempt& a);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
@@ -86,7 +88,7 @@ class Selection {
   Evidence base_evidence_;
   std::map<std::vector<int>, Attempt> pool_;
   std::map<std::vector<int>, std::vector<double>> left_out_;  // sum of squares by part, in units of the sensors' noise
-  Eigen::VectorXd sensors_;  // (outputs) [unit] their noise
+  Eigen::VectorXd sensors_;                                   // (outputs) [unit] their noise
   std::vector<int> result_;
   std::vector<Trial1> account_;
   std::map<int, std::pair<double, double>> alone_;

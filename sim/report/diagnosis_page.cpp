@@ -249,6 +249,7 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
     for (std::size_t i = 0; i < f.ties.size(); ++i) h += (i == 0 ? "; could as well be " : ", ") + escaped(f.ties[i]);
     h += "<br>\n";
   }
+  if (d.self_paced.is && !d.self_paced.runs.empty()) h += free_run_headline(d) + "<br>\n";
   if (std::isfinite(d.heldout.after)) {
     h += "Error on held-out data, in units of the noise: <b>" + number(d.heldout.before) + " &rarr; " + number(d.heldout.refit) + " &rarr; " +
          number(d.heldout.after) + "</b> (declared, refitted, " + (d.effects.empty() ? "final" : "with the effect") + ")";
