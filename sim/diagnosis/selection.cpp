@@ -12,7 +12,7 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr std::size_t most_effects = 4;
-constexpr double enough_better = 0.97;  // [-] of the error before: an effect that predicts hardly better is not claimed
+constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
 
 std::vector<int> with(std::vector<int> set, int e) {
   if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);

@@ -203,7 +203,7 @@ std::string self_paced_section(const Diagnosis& d) {
          "What is left of the measurement is correlated in time: " +
          format("%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against that, ", d.self_paced.independent,
                 d.threshold * d.threshold) +
-         "and, fitted on part of the data, leaves at most 97 % of the error of predicting the rest.</p>\n" + step_table(d);
+         "and, fitted on part of the data, leaves at most 93 % of the error of predicting the rest.</p>\n" + step_table(d);
   }
   return h;
 }
