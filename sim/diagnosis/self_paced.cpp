@@ -363,7 +363,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   if (!effects.empty()) {
     // Each has predicted, part by part, what it was not fitted to. The last part may lie outside of what was fitted.
     const double ratio = d.heldout.after / d.heldout.refit;
-    const bool improves = w.test.empty() || any || ratio < 0.97;
+    const bool predicted = any && d.self_paced.runs.front().data == "held out";
+    const bool improves = w.test.empty() || predicted || ratio < 0.97;
     d.verdict = improves || ratio < 1.5 ? Verdict::effect_found : Verdict::unexplained;
     if (!improves)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +

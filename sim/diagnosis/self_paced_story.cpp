@@ -90,10 +90,13 @@ void tell_self_paced(Diagnosis& d) {
     s.push_back(
         format("Error on held-out stretches, in units of the sensors' noise: declared %.4g, refitted %.4g, final %.4g.",
                d.heldout.before, d.heldout.refit, d.heldout.after));
-    if (!d.effects.empty()) {
+    if (!d.effects.empty() && d.excess_explained > 0.0) {
       s.push_back(format(
           "That is %.1f %% of the excess over the noise that refitting alone leaves (%.1f %% of the declared model's).",
           100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
+    }
+    if (!d.effects.empty() && !(d.excess_explained > 0.0)) {
+      s.push_back("There what was found does not help: it is not to be relied on beyond what was fitted.");
     }
     if (d.heldout.after > 1.5) {
       s.push_back(
