@@ -31,8 +31,9 @@ std::vector<double> run_free(const Problem& p, const Segment& s, const std::vect
 
 }  // namespace
 
-FreeRun free_runs(const Problem& p, const std::vector<int>& segments, double horizon, const std::vector<double>& declared,
-                  const std::vector<double>& refit, const std::vector<double>& after, std::vector<Trace>* traces) {
+FreeRun free_runs(const Problem& p, const std::vector<int>& segments, double horizon,
+                  const std::vector<double>& declared, const std::vector<double>& refit,
+                  const std::vector<double>& after, std::vector<Trace>* traces) {
   const Data& data = *p.data;
   const std::size_t ny = data.outputs();
   const std::vector<double>* const values[3] = {&declared, &refit, &after};
@@ -79,7 +80,8 @@ FreeRun free_runs(const Problem& p, const std::vector<int>& segments, double hor
       for (std::size_t i = 0; i < n; ++i) {
         const std::size_t row = i * ny + j;
         t.t.push_back(s.t[s.first + i]);
-        t.measured.push_back(s.count[static_cast<Eigen::Index>(row)] > 0.0 ? s.y[static_cast<Eigen::Index>(row)] : std::nan(""));
+        t.measured.push_back(s.count[static_cast<Eigen::Index>(row)] > 0.0 ? s.y[static_cast<Eigen::Index>(row)]
+                                                                           : std::nan(""));
         t.refit.push_back(y[1][row]);
         t.after.push_back(y[2][row]);
       }

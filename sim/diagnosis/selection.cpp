@@ -12,7 +12,7 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr std::size_t most_effects = 4;
-constexpr double enough_better = 0.97;   // [-] of the error before: an effect that predicts hardly better is not claimed
+constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
 
 std::vector<int> with(std::vector<int> set, int e) {
   if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);
@@ -63,7 +63,11 @@ void measure(const Problem& p, const std::vector<int>& segments, const Eigen::Ve
 
 Selection::Selection(const Problem& p, Data& data, std::vector<int> segments, std::vector<int> blocks,
                      std::vector<int> candidates, double false_alarm)
-    : p_(p), data_(data), segments_(std::move(segments)), blocks_(std::move(blocks)), candidates_(std::move(candidates)) {
+    : p_(p),
+      data_(data),
+      segments_(std::move(segments)),
+      blocks_(std::move(blocks)),
+      candidates_(std::move(candidates)) {
   threshold_ = largest_of(std::max(1, static_cast<int>(candidates_.size())), false_alarm);
   sensors_ = data.noise;
 }
@@ -80,15 +84,16 @@ double Selection::bic(const Attempt& a, const Attempt& like) const {
   return cost(a, like) + static_cast<double>(a.effects.size()) * std::log(std::max(2.0, like.independent));
 }
 
-const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise) {
-  if (const auto it = pool_.find(effects); it != pool_.end()) return it->second;
-  Attempt a{effects, from, 1.0, 1.0, noise};
-  for (int round = 0; round < 4; ++round) {
+const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise,
+                                  bool brief) {
+  if (const auto it = pool_.find(effects); it != pool_.end() && (brief || !it->second.brief)) return it->second;
+  Attempt a{effects, from, 1.0, 1.0, noise, brief};
+  for (int round = 0; round < (brief ? 1 : 4); ++round) {
     const Eigen::VectorXd before = a.noise;
     data_.noise = a.noise;
     FitOptions o;
-    o.iterations = round == 0 ? 30 : 10;
-    o.enough = 0.1;
+    o.iterations = brief ? 8 : round == 0 ? 30 : 10;
+    o.enough = brief ? 1.0 : 0.3;
     a.fit = fit(p_, segments_, a.fit, effects, o);
     if (!std::isfinite(a.fit.chi2)) {  // the start of the fit cannot be run: as if it explained nothing
       a.scale = 1e100;
@@ -97,7 +102,7 @@ const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& fr
     measure(p_, segments_, sensors_, a);
     if (((a.noise - before).cwiseAbs().array() < 0.1 * before.array()).all()) break;
   }
-  return pool_.emplace(effects, std::move(a)).first->second;
+  return pool_.insert_or_assign(effects, std::move(a)).first->second;
 }
 
 Evidence Selection::evidence_of(const Attempt& a) const {
@@ -150,18 +155,20 @@ const std::vector<double>& Selection::left_out(const Attempt& a) {
     std::vector<int> kept, gone;
     for (std::size_t i = 0; i < segments_.size(); ++i) (blocks_[i] == part ? gone : kept).push_back(segments_[i]);
     FitOptions o;
-    o.iterations = 5;
-    o.enough = 0.3;
+    o.iterations = 4;
+    o.enough = 0.5;
     const Fit f = fit(p_, kept, a.fit, a.effects, o);
     FitOptions starts;
     starts.refit_parameters = false;
-    starts.iterations = 6;
+    starts.iterations = 4;
+    starts.enough = 0.5;
     const Fit g = fit(p_, gone, f, {}, starts);
     const auto r = residuals(p_, gone, g);
     for (const int s : gone) {
       const auto& e = r[static_cast<std::size_t>(s)];
       for (Eigen::Index i = 0; i < e.size(); ++i) {
-        sums[static_cast<std::size_t>(part)] += data_.segments[static_cast<std::size_t>(s)].count[i] * e[i] * e[i] / (sensors_[i % ny] * sensors_[i % ny]);
+        sums[static_cast<std::size_t>(part)] +=
+            data_.segments[static_cast<std::size_t>(s)].count[i] * e[i] * e[i] / (sensors_[i % ny] * sensors_[i % ny]);
       }
     }
   }
@@ -216,16 +223,19 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     for (std::size_t i = 0; i < leads.size(); ++i) {
       Fit f = current.fit;
       f.values[static_cast<std::size_t>(leads[i].c)] = value_at(leads[i].c, leads[i].estimate);
-      const Attempt& a = attempt(with(current.effects, leads[i].c), f, current.noise);
+      const Attempt& a = attempt(with(current.effects, leads[i].c), f, current.noise, true);
       order.emplace_back(cost(a, current), leads[i].c);
-      if (size == 0) alone_[leads[i].c] = {bic(a, current) - bic(current, current), a.fit.values[static_cast<std::size_t>(leads[i].c)]};
+      if (size == 0)
+        alone_[leads[i].c] = {bic(a, current) - bic(current, current),
+                              a.fit.values[static_cast<std::size_t>(leads[i].c)]};
       progress(0.1 + 0.15 * (static_cast<double>(size) + static_cast<double>(i) / static_cast<double>(leads.size())));
     }
     std::sort(order.begin(), order.end());
     bool added = false;
     for (std::size_t i = 0; i < order.size() && i < 2 && !added; ++i) {
       const int c = order[i].second;
-      const Attempt more = pool_.at(with(current.effects, c));
+      const Attempt first = pool_.at(with(current.effects, c));
+      const Attempt more = attempt(first.effects, first.fit, first.noise);
       if (cost(current, current) - cost(more, current) < threshold_ * threshold_) break;
       Trial1 t = examine(more, current, c);
       t.taken = convincing(t);
@@ -280,7 +290,8 @@ std::vector<Selection::Tie> Selection::ties() {
     const Evidence v = evidence(p_, segments_, f, candidates_);
     const auto i = v.find(e);
     if (i < 0) continue;
-    const double value = best.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+    const double value =
+        best.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
     std::vector<std::pair<double, Eigen::Index>> alike;
     for (std::size_t k = 0; k < v.candidate.size(); ++k) {
       const auto j = static_cast<Eigen::Index>(k);
@@ -324,7 +335,8 @@ Eigen::VectorXd Selection::errors(const Attempt& a) const {
     meat(i, i) += prior;
   }
   const Eigen::VectorXd d = H.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
-  const Eigen::MatrixXd inverse = Eigen::LDLT<Eigen::MatrixXd>(d.asDiagonal() * H * d.asDiagonal()).solve(Eigen::MatrixXd::Identity(n, n));
+  const Eigen::MatrixXd inverse =
+      Eigen::LDLT<Eigen::MatrixXd>(d.asDiagonal() * H * d.asDiagonal()).solve(Eigen::MatrixXd::Identity(n, n));
   const Eigen::MatrixXd covariance = inverse * (d.asDiagonal() * meat * d.asDiagonal()) * inverse;
   return d.cwiseProduct(covariance.diagonal().cwiseMax(0.0).cwiseSqrt());
 }

@@ -20,21 +20,23 @@ struct Attempt {
   double scale = 1.0;        // [-] mean square of the residual in units of the sensors' noise
   double independent = 1.0;  // [-] independent numbers in it
   Eigen::VectorXd noise;     // (outputs) [unit] such that the residual's sum of squares over it counts those
+  bool brief = false;        // a few steps only, to see whether it is worth more
 };
 
 // Why an effect was taken, or was not.
 struct Trial1 {
   int effect = -1;
-  std::vector<int> beside;   // the effects it joined
-  double gain = 0.0;         // [-] fall of -2 log likelihood, the residual's own variance
-  double predicted = 0.0;    // [-] error left of that before, on parts left out of the fit: root mean square
-  int better = 0, parts = 0; // parts that were predicted better
+  std::vector<int> beside;    // the effects it joined
+  double gain = 0.0;          // [-] fall of -2 log likelihood, the residual's own variance
+  double predicted = 0.0;     // [-] error left of that before, on parts left out of the fit: root mean square
+  int better = 0, parts = 0;  // parts that were predicted better
   bool taken = false;
 };
 
 class Selection {
  public:
-  // Changes data.noise as it goes, and the weights (count) of stretches that disagree with the others; `blocks`: for every segment the part it is left out with.
+  // Changes data.noise as it goes, and the weights (count) of stretches that disagree with the others; `blocks`: for
+  // every segment the part it is left out with.
   Selection(const Problem& p, Data& data, std::vector<int> segments, std::vector<int> blocks,
             std::vector<int> candidates, double false_alarm);
 
@@ -72,8 +74,9 @@ class Selection {
 
  private:
   void reweigh();
-  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise);
-  // Mean squares in units of `noise`, part by part, of what a fit to the other parts predicts.
+  const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise,
+                         bool brief = false);
+  // Sums of squares in units of the sensors' noise, part by part, of what a fit to the other parts predicts.
   const std::vector<double>& left_out(const Attempt& a);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
   bool convincing(const Trial1& t) const;
@@ -85,7 +88,7 @@ class Selection {
   Evidence base_evidence_;
   std::map<std::vector<int>, Attempt> pool_;
   std::map<std::vector<int>, std::vector<double>> left_out_;  // sum of squares by part, in units of the sensors' noise
-  Eigen::VectorXd sensors_;  // (outputs) [unit] their noise
+  Eigen::VectorXd sensors_;                                   // (outputs) [unit] their noise
   std::vector<int> result_;
   std::vector<Trial1> account_;
   std::map<int, std::pair<double, double>> alone_;

@@ -14,9 +14,9 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double close = 6.0;             // [-] BIC: no telling
-constexpr double clearly_better = 0.75;   // [-] of the free runs' error: an output is explained
-constexpr double noise_like = 1.5;        // [-] of the sensors' noise: nothing is missing
+constexpr double close = 6.0;            // [-] BIC: no telling
+constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
+constexpr double noise_like = 1.5;       // [-] of the sensors' noise: nothing is missing
 
 std::string text(double x, const char* format = "%.4g") {
   char s[48];
@@ -33,7 +33,8 @@ struct Work {
   double held_from = 0.0;                // [s], where one experiment is split
 };
 
-bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance, const std::vector<std::string>& patterns) {
+bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance,
+                  const std::vector<std::string>& patterns) {
   const Coefficient& c = m.coefficients[i];
   const bool exact = i < m.declared && !c.candidate && tolerance[i] == 0.0 && c.nominal != 0.0;
   const bool effect = c.candidate && c.profile_of.empty() && c.name != "clock_offset";
@@ -97,11 +98,22 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
   }
   d.held_out = held;
   if (w.train.size() < 4) {
-    throw RecordError(record.name, "only " + std::to_string(w.train.size()) + " stretches in which something moves are left to fit",
+    throw RecordError(record.name,
+                      "only " + std::to_string(w.train.size()) + " stretches in which something moves are left to fit",
                       "record for longer, hold out less, or cut it shorter with --stretch");
   }
-  d.self_paced = {true, w.s.length, w.s.spacing, w.s.jitter, static_cast<int>(w.s.origin.size()), static_cast<int>(still.size()),
-                  static_cast<int>(w.train.size()), 0.0, {}, {}, {}, {}};
+  d.self_paced = {true,
+                  w.s.length,
+                  w.s.spacing,
+                  w.s.jitter,
+                  static_cast<int>(w.s.origin.size()),
+                  static_cast<int>(still.size()),
+                  static_cast<int>(w.train.size()),
+                  0.0,
+                  {},
+                  {},
+                  {},
+                  {}};
 
   const auto rows = static_cast<double>(std::count(cut.skip.begin(), cut.skip.end(), true));
   if (rows > 0.0) {
@@ -110,18 +122,23 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
       if (cut.skip[i] && !cut.skip[i - 1]) when += (when.empty() ? "" : ", ") + text(record.t[i], "%.2f");
     }
     d.notes.push_back(text(rows, "%.0f") + " rows around t = " + when +
-                      " s were left out: a force many times what is missing elsewhere acted there, as if somebody had touched the machine.");
+                      " s were left out: a force many times what is missing elsewhere acted there, as if somebody had "
+                      "touched the machine.");
   }
   if (w.s.ringing > 0) {
-    d.notes.push_back("Impacts are not modelled: " + text(1e3 * cut.exclude, "%.0f") + " ms on either side of a change of chart were left out (" +
-                      std::to_string(w.s.ringing) + " rows), where the structure rings, and every step starts anew.");
+    d.notes.push_back("Impacts are not modelled: " + text(1e3 * cut.exclude, "%.0f") +
+                      " ms on either side of a change of chart were left out (" + std::to_string(w.s.ringing) +
+                      " rows), where the structure rings, and every step starts anew.");
   }
   if (!still.empty()) {
     d.notes.push_back(std::to_string(still.size()) + " of " + std::to_string(w.s.origin.size()) +
                       " stretches were left out because hardly anything moved in them.");
   }
-  if (w.s.jitter > 0.01) d.notes.push_back("Time stamps jitter by up to " + text(100.0 * w.s.jitter, "%.0f") + " % of the spacing; they are taken as they are.");
-  d.notes.push_back("Nothing repeats, so the sensors' noise is what neighbouring samples differ by, and at least their resolution.");
+  if (w.s.jitter > 0.01)
+    d.notes.push_back("Time stamps jitter by up to " + text(100.0 * w.s.jitter, "%.0f") +
+                      " % of the spacing; they are taken as they are.");
+  d.notes.push_back(
+      "Nothing repeats, so the sensors' noise is what neighbouring samples differ by, and at least their resolution.");
   return w;
 }
 
@@ -156,8 +173,9 @@ Misfit misfit(const Work& w, const std::vector<int>& segments, const Fit& values
 }
 
 // Free runs of one length over the held-out part, or over the fitted one.
-void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held, const std::vector<double>& declared,
-              const std::vector<double>& refit, const std::vector<double>& after, bool traces) {
+void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held,
+              const std::vector<double>& declared, const std::vector<double>& refit, const std::vector<double>& after,
+              bool traces) {
   Cut cut;
   cut.length = horizon;
   cut.exact = true;
@@ -197,12 +215,15 @@ std::string outside(const Work& w) {
       double m = 0.0;  // of one stretch, from its first sample
       for (const int k : segments) {
         const Segment& s = w.s.data.segments[static_cast<std::size_t>(k)];
-        for (Eigen::Index i = j; i < s.y.size(); i += ny) m = std::max(m, std::abs(s.y[i] - s.y[j]) / (s.t.back() - s.t[s.first]));
+        for (Eigen::Index i = j; i < s.y.size(); i += ny)
+          m = std::max(m, std::abs(s.y[i] - s.y[j]) / (s.t.back() - s.t[s.first]));
       }
       return m;
     };
     const double fitted = widest(w.train), held = widest(w.test);
-    if (held > 1.2 * fitted) r = " There " + w.p.machine->outputs[static_cast<std::size_t>(j)].name + " moves " + text(held / fitted, "%.1f") + " times as fast as anywhere in the fitted part.";
+    if (held > 1.2 * fitted)
+      r = " There " + w.p.machine->outputs[static_cast<std::size_t>(j)].name + " moves " + text(held / fitted, "%.1f") +
+          " times as fast as anywhere in the fitted part.";
   }
   return r;
 }
@@ -232,7 +253,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   const Problem& p = w.p;
   const auto name_of = [&](int c) {
     const auto k = static_cast<std::size_t>(c);
-    return (k < machine.declared && !machine.coefficients[k].candidate ? "parameter:" : "") + machine.coefficients[k].name;
+    return (k < machine.declared && !machine.coefficients[k].candidate ? "parameter:" : "") +
+           machine.coefficients[k].name;
   };
   const auto names_of = [&](const std::vector<int>& set) {
     std::vector<std::string> r;
@@ -243,7 +265,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   for (std::size_t i = 0; i < machine.coefficients.size(); ++i) {
     if (is_candidate(machine, i, p.tolerance, options.candidates)) candidates.push_back(static_cast<int>(i));
   }
-  if (candidates.empty()) throw RecordError(record.name, "no candidate has such a name", "leave --candidates out to see them all");
+  if (candidates.empty())
+    throw RecordError(record.name, "no candidate has such a name", "leave --candidates out to see them all");
   lap("reading the record");
   progress(0.02, "fitting the declared model");
 
@@ -263,7 +286,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   d.tried = static_cast<int>(candidates.size());
   d.self_paced.independent = found.independent;
   for (const Trial1& t : search.account()) {
-    d.self_paced.steps.push_back({name_of(t.effect), names_of(t.beside), t.gain, t.predicted, t.better, t.parts, t.taken});
+    d.self_paced.steps.push_back(
+        {name_of(t.effect), names_of(t.beside), t.gain, t.predicted, t.better, t.parts, t.taken});
   }
   lap("searching for effects");
 
@@ -280,7 +304,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   lap("estimating jointly");
 
   data.noise = w.sensors;
-  for (Segment& s : data.segments) s.count = (s.count.array() > 0.0).select(Eigen::VectorXd::Ones(s.count.size()), 0.0 * s.count);
+  for (Segment& s : data.segments)
+    s.count = (s.count.array() > 0.0).select(Eigen::VectorXd::Ones(s.count.size()), 0.0 * s.count);
   progress(0.85, "predicting what was held out");
   const auto errors = [&](const std::vector<int>& segments, Errors& e) {
     const Misfit m[3] = {misfit(w, segments, declared), misfit(w, segments, refit), misfit(w, segments, found.fit)};
@@ -305,7 +330,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   for (std::size_t j = 0; j < data.outputs(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
     const auto rms = [&](const Misfit& m) { return std::sqrt(m.raw[i] / std::max(1.0, m.count[i])); };
-    d.outputs.push_back({machine.outputs[j].name, machine.outputs[j].unit, rms(whole[0]), rms(whole[1]), rms(whole[2]), w.sensors[i]});
+    d.outputs.push_back(
+        {machine.outputs[j].name, machine.outputs[j].unit, rms(whole[0]), rms(whole[1]), rms(whole[2]), w.sensors[i]});
     d.noise.push_back(w.sensors[i]);
     d.output_names.push_back(machine.outputs[j].name);
     d.output_units.push_back(machine.outputs[j].unit);
@@ -328,7 +354,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   d.self_paced.explained.assign(data.outputs(), false);
   for (const FreeRun& f : d.self_paced.runs) {
     for (std::size_t j = 0; j < f.after.size(); ++j) {
-      const bool better = f.median_after[j] < clearly_better * f.median_refit[j] || f.after[j] < clearly_better * f.refit[j];
+      const bool better =
+          f.median_after[j] < clearly_better * f.median_refit[j] || f.after[j] < clearly_better * f.refit[j];
       if (&f == &d.self_paced.runs.front()) d.self_paced.explained[j] = better;
     }
   }
@@ -336,10 +363,12 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   if (!effects.empty()) {
     // Each has predicted, part by part, what it was not fitted to. The last part may lie outside of what was fitted.
     const double ratio = d.heldout.after / d.heldout.refit;
-    const bool improves = w.test.empty() || any || ratio < 0.97;
+    const bool predicted = any && d.self_paced.runs.front().data == "held out";
+    const bool improves = w.test.empty() || predicted || ratio < 0.97;
     d.verdict = improves || ratio < 1.5 ? Verdict::effect_found : Verdict::unexplained;
-    if (!improves) d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) + " refitted, " +
-                                     text(d.heldout.after) + " with it, in units of the noise." + outside(w));
+    if (!improves)
+      d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +
+                        " refitted, " + text(d.heldout.after) + " with it, in units of the noise." + outside(w));
   } else if (quiet) {
     const double gain = d.self_paced.independent * std::log(whole[0].squares / std::max(1e-300, whole[1].squares));
     d.verdict = gain > d.threshold * d.threshold ? Verdict::parameters_only : Verdict::no_discrepancy;
@@ -380,18 +409,24 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
       const auto at = std::find(f.free.begin(), f.free.end(), static_cast<int>(k));
       return at == f.free.end() ? 0.0 : sigma[at - f.free.begin()];
     };
-    d.parameters.push_back({c.name, c.unit, c.nominal, p.tolerance[k], all_refit.values[k], error_of(all_refit, refit_error),
-                            last_fit.values[k], error_of(last_fit, d.effects.empty() ? refit_error : error)});
+    d.parameters.push_back({c.name, c.unit, c.nominal, p.tolerance[k], all_refit.values[k],
+                            error_of(all_refit, refit_error), last_fit.values[k],
+                            error_of(last_fit, d.effects.empty() ? refit_error : error)});
     const double off = (last_fit.values[k] - c.nominal) / std::max(1e-300, p.tolerance[k]);
     if (p.tolerance[k] > 0.0 && std::abs(off) > 3.0) {
-      d.notes.push_back("Parameter " + c.name + " lies " + text(std::abs(off), "%.1f") + " tolerances from its declared value: " +
-                        text(last_fit.values[k], "%.5g") + " " + c.unit + " instead of " + text(c.nominal, "%.5g") + ".");
+      d.notes.push_back("Parameter " + c.name + " lies " + text(std::abs(off), "%.1f") +
+                        " tolerances from its declared value: " + text(last_fit.values[k], "%.5g") + " " + c.unit +
+                        " instead of " + text(c.nominal, "%.5g") + ".");
     }
   }
   for (std::size_t i = 0; i < e0.candidate.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     const int c = e0.candidate[i];
-    CandidateRow row{name_of(c), machine.coefficients[static_cast<std::size_t>(c)].unit, e0.z[k], e0.value[k], nan, nan, e0.kept[k], 0.0, ""};
+    CandidateRow row{name_of(c), machine.coefficients[static_cast<std::size_t>(c)].unit,
+                     e0.z[k],    e0.value[k],
+                     nan,        nan,
+                     e0.kept[k], 0.0,
+                     ""};
     if (const auto t = search.alone().find(c); t != search.alone().end()) {
       row.bic = t->second.first;
       row.value = t->second.second;
@@ -406,8 +441,9 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     const auto j = left.find(c);
     if (j >= 0 && left.usable(j) && left.z[j] < -d.threshold && !search.physical(c, left.z[j])) {
       row.remark = "what is left asks for an unphysical sign";
-      d.notes.push_back(row.name + ": what is left would be smaller with " + text(left.value[j]) + " " + row.unit + " (score " +
-                        text(left.z[j], "%.1f") + "), a sign that makes no physical sense. Not taken; the model errs in some other way there.");
+      d.notes.push_back(row.name + ": what is left would be smaller with " + text(left.value[j]) + " " + row.unit +
+                        " (score " + text(left.z[j], "%.1f") +
+                        "), a sign that makes no physical sense. Not taken; the model errs in some other way there.");
     }
     d.candidates.push_back(std::move(row));
   }

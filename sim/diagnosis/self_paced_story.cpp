@@ -27,56 +27,83 @@ std::string told_unit(const std::string& unit) { return unit.substr(0, 3) == "ra
 void tell_self_paced(Diagnosis& d) {
   auto& s = d.story;
   const SelfPaced& q = d.self_paced;
-  s.push_back(format("%s against %s: %d experiment%s cut into %d stretches of about %.3g s, each with its own unknown start; %d fitted.",
-                     d.record.c_str(), d.model.c_str(), d.experiments, d.experiments == 1 ? "" : "s", q.stretches, q.stretch, q.fitted));
+  s.push_back(
+      format("%s against %s: %d experiment%s cut into %d stretches of about %.3g s, each with its own unknown start; "
+             "%d fitted.",
+             d.record.c_str(), d.model.c_str(), d.experiments, d.experiments == 1 ? "" : "s", q.stretches, q.stretch,
+             q.fitted));
   switch (d.verdict) {
-    case Verdict::no_discrepancy: s.push_back("Verdict: no discrepancy. The declared model explains the record."); break;
-    case Verdict::parameters_only: s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected."); break;
-    case Verdict::effect_found: s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried)); break;
-    case Verdict::ambiguous: s.push_back("Verdict: ambiguous. Several causes explain the record equally well."); break;
-    case Verdict::unexplained: s.push_back("Verdict: unexplained. Something is missing that none of the candidates is."); break;
+    case Verdict::no_discrepancy:
+      s.push_back("Verdict: no discrepancy. The declared model explains the record.");
+      break;
+    case Verdict::parameters_only:
+      s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected.");
+      break;
+    case Verdict::effect_found:
+      s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried));
+      break;
+    case Verdict::ambiguous:
+      s.push_back("Verdict: ambiguous. Several causes explain the record equally well.");
+      break;
+    case Verdict::unexplained:
+      s.push_back("Verdict: unexplained. Something is missing that none of the candidates is.");
+      break;
   }
   for (const Finding& f : d.effects) {
     std::string tie;
     for (const auto& t : f.ties) tie += (tie.empty() ? "" : ", ") + t;
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]%s%s.", f.name.c_str(), f.value, f.unit.c_str(), f.low, f.high,
-                       tie.empty() ? "" : "; could as well be ", tie.c_str()));
+    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]%s%s.", f.name.c_str(), f.value, f.unit.c_str(), f.low,
+                       f.high, tie.empty() ? "" : "; could as well be ", tie.c_str()));
   }
   for (const Step& t : q.steps) {
     std::string beside;
     for (const auto& b : t.beside) beside += (beside.empty() ? " beside " : ", ") + b;
-    s.push_back(format("  %s%s: the residual's likelihood gains %.0f; fitted on part of the data it leaves %.0f %% of the error of predicting the "
-                       "rest, better on %d of %d parts%s.",
-                       t.effect.c_str(), beside.c_str(), t.gain, 100.0 * t.predicted, t.better, t.parts, t.taken ? "" : ": not claimed"));
+    s.push_back(
+        format("  %s%s: the residual's likelihood gains %.0f; fitted on part of the data it leaves %.0f %% of the "
+               "error of predicting the "
+               "rest, better on %d of %d parts%s.",
+               t.effect.c_str(), beside.c_str(), t.gain, 100.0 * t.predicted, t.better, t.parts,
+               t.taken ? "" : ": not claimed"));
   }
   for (const FreeRun& f : q.runs) {
     for (std::size_t j = 0; j < f.after.size(); ++j) {
       const std::string& u = d.output_units[j];
-      s.push_back(format("Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was found; at the end %.3g, %.3g, "
-                         "%.3g; noise %.2g.",
-                         f.horizon, f.data.c_str(), f.runs, f.lost > 0 ? format(", %d not finished", f.lost).c_str() : "",
-                         d.output_names[j].c_str(), told(f.before[j], u), told_unit(u).c_str(), told(f.refit[j], u), told(f.after[j], u),
-                         told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u), told(d.noise[j], u)));
+      s.push_back(
+          format("Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was "
+                 "found; at the end %.3g, %.3g, "
+                 "%.3g; noise %.2g.",
+                 f.horizon, f.data.c_str(), f.runs, f.lost > 0 ? format(", %d not finished", f.lost).c_str() : "",
+                 d.output_names[j].c_str(), told(f.before[j], u), told_unit(u).c_str(), told(f.refit[j], u),
+                 told(f.after[j], u), told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u),
+                 told(d.noise[j], u)));
     }
   }
   if (!d.effects.empty() && !q.runs.empty()) {
     for (std::size_t j = 0; j < q.explained.size(); ++j) {
       if (q.explained[j] || !(q.runs.front().after[j] > 2.0 * d.noise[j])) continue;
-      s.push_back(format("%s hardly improves: what is missing there, some %.2g %s, is unexplained by any candidate.", d.output_names[j].c_str(),
-                         told(q.runs.front().after[j], d.output_units[j]), told_unit(d.output_units[j]).c_str()));
+      s.push_back(format("%s hardly improves: what is missing there, some %.2g %s, is unexplained by any candidate.",
+                         d.output_names[j].c_str(), told(q.runs.front().after[j], d.output_units[j]),
+                         told_unit(d.output_units[j]).c_str()));
     }
   }
   if (std::isfinite(d.heldout.after)) {
-    s.push_back(format("Error on held-out stretches, in units of the sensors' noise: declared %.4g, refitted %.4g, final %.4g.", d.heldout.before,
-                       d.heldout.refit, d.heldout.after));
-    if (!d.effects.empty()) {
-      s.push_back(format("That is %.1f %% of the excess over the noise that refitting alone leaves (%.1f %% of the declared model's).",
-                         100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
+    s.push_back(
+        format("Error on held-out stretches, in units of the sensors' noise: declared %.4g, refitted %.4g, final %.4g.",
+               d.heldout.before, d.heldout.refit, d.heldout.after));
+    if (!d.effects.empty() && d.excess_explained > 0.0) {
+      s.push_back(format(
+          "That is %.1f %% of the excess over the noise that refitting alone leaves (%.1f %% of the declared model's).",
+          100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
+    }
+    if (!d.effects.empty() && !(d.excess_explained > 0.0)) {
+      s.push_back("There what was found does not help: it is not to be relied on beyond what was fitted.");
     }
     if (d.heldout.after > 1.5) {
-      s.push_back(format("What remains, %.2g times the noise, is the model's own error. It is correlated in time, worth %.0f independent numbers, and no "
-                         "candidate predicts it; claims and intervals are measured against it, not against the noise.",
-                         d.heldout.after, q.independent));
+      s.push_back(
+          format("What remains, %.2g times the noise, is the model's own error. It is correlated in time, worth %.0f "
+                 "independent numbers, and no "
+                 "candidate predicts it; claims and intervals are measured against it, not against the noise.",
+                 d.heldout.after, q.independent));
     }
   }
 }

@@ -35,7 +35,8 @@ std::vector<int> charts_of(const Record& record, const Machine& machine) {
     const auto it = std::find_if(machine.charts.begin(), machine.charts.end(),
                                  [&](const std::string& c) { return lower_case(c) == lower_case(name); });
     if (it == machine.charts.end()) {
-      throw RecordError(record.name, "the model has no chart '" + name + "' (it has " + known + ")", "name the charts as the model does");
+      throw RecordError(record.name, "the model has no chart '" + name + "' (it has " + known + ")",
+                        "name the charts as the model does");
     }
     r.push_back(static_cast<int>(it - machine.charts.begin()));
   }
@@ -59,12 +60,15 @@ std::vector<Piece> pieces_of(const Record& record, const std::vector<int>& chart
       std::size_t to = from + 1;
       const auto key = [&](std::size_t i) { return record.chart.empty() ? 0 : record.chart[i]; };
       const auto skipped = [&](std::size_t i) { return !cut.skip.empty() && cut.skip[i]; };
-      while (to < end && key(to) == key(from) && skipped(to) == skipped(from) && record.t[to] - record.t[to - 1] < gap * spacing) ++to;
+      while (to < end && key(to) == key(from) && skipped(to) == skipped(from) &&
+             record.t[to] - record.t[to - 1] < gap * spacing)
+        ++to;
       Piece p{from, to - from, 0, 0};
       const bool known = (record.chart.empty() || key(from) >= 0) && !skipped(from);
       if (known && !charts.empty()) p.chart = charts[static_cast<std::size_t>(std::max(0, key(from)))];
       if (!record.chart.empty() && record.chart_names.size() > 1) {
-        // The first row and the last of an experiment are taken for impacts, too: who cuts walks into pieces cuts there.
+        // The first row and the last of an experiment are taken for impacts, too: who cuts walks into pieces cuts
+        // there.
         const auto drop = static_cast<std::size_t>(std::lround(cut.exclude / spacing));
         ringing += std::min(p.rows, 2 * drop);
         p.first += std::min(p.rows, drop);
@@ -110,7 +114,8 @@ double growth(const Problem& p, const Segment& s, std::span<const double> values
     for (std::size_t j = 0; j < ny; ++j) {
       const double first = std::abs(y.gradient[j * width + k]);
       if (first < 0.5) continue;
-      for (std::size_t row = j; row < y.rows; row += ny) most = std::max(most, std::abs(y.gradient[row * width + k]) / first);
+      for (std::size_t row = j; row < y.rows; row += ny)
+        most = std::max(most, std::abs(y.gradient[row * width + k]) / first);
     }
   }
   return most;
@@ -124,7 +129,8 @@ Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t 
   r.first = std::min(s.first + from, static_cast<std::size_t>(history / spacing));
   const std::size_t begin = s.first + from - r.first, end = s.first + to;
   r.t.assign(s.t.begin() + static_cast<std::ptrdiff_t>(begin), s.t.begin() + static_cast<std::ptrdiff_t>(end));
-  r.u.assign(s.u.begin() + static_cast<std::ptrdiff_t>(begin * inputs), s.u.begin() + static_cast<std::ptrdiff_t>(end * inputs));
+  r.u.assign(s.u.begin() + static_cast<std::ptrdiff_t>(begin * inputs),
+             s.u.begin() + static_cast<std::ptrdiff_t>(end * inputs));
   const auto ny = s.y.size() / static_cast<Eigen::Index>(s.t.size() - s.first);
   r.y = s.y.segment(static_cast<Eigen::Index>(from) * ny, static_cast<Eigen::Index>(to - from) * ny);
   r.count = s.count.segment(static_cast<Eigen::Index>(from) * ny, static_cast<Eigen::Index>(to - from) * ny);
@@ -162,7 +168,8 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
   }
   const auto pieces = pieces_of(record, charts, s.spacing, cut, s.ringing);
   s.length = cut.length > 0.0 ? cut.length : record.chart_names.size() > 1 ? usual_in_a_step : usual_length;
-  const auto aim = std::max<std::size_t>(fewest_samples, static_cast<std::size_t>(std::lround(s.length / s.spacing)) + 1);
+  const auto aim =
+      std::max<std::size_t>(fewest_samples, static_cast<std::size_t>(std::lround(s.length / s.spacing)) + 1);
   for (const Piece& p : pieces) {
     const std::size_t whole = p.rows / aim, count = cut.exact ? whole : std::max<std::size_t>(1, whole);
     for (std::size_t k = 0; k < count; ++k) {
@@ -199,12 +206,14 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
           g.count[at] = 1.0;
         }
       }
-      s.origin.push_back({g.experiment, record.cycle.empty() ? 0 : record.cycle[from], from, record.t[from], record.t[from + rows - 1]});
+      s.origin.push_back({g.experiment, record.cycle.empty() ? 0 : record.cycle[from], from, record.t[from],
+                          record.t[from + rows - 1]});
       data.segments.push_back(std::move(g));
     }
   }
   if (data.segments.empty()) {
-    throw RecordError(record.name, "nowhere in it does one chart last long enough to learn from", "sample faster, or check the column chart");
+    throw RecordError(record.name, "nowhere in it does one chart last long enough to learn from",
+                      "sample faster, or check the column chart");
   }
   data.noise = Eigen::VectorXd::Ones(static_cast<Eigen::Index>(ny));
   std::vector<Eigen::VectorXd> raw;
@@ -219,7 +228,8 @@ bool start_from(const Problem& p, const Segment& s, std::span<const double> valu
   const auto ny = static_cast<Eigen::Index>(data.outputs());
   const Eigen::Index n = m.starts();
   const std::size_t n_used = std::min(samples, s.t.size() - s.first);
-  const Course course{std::span(s.t).first(s.first + n_used), std::span(s.u).first((s.first + n_used) * m.inputs.size()), s.first, p.h_max};
+  const Course course{std::span(s.t).first(s.first + n_used),
+                      std::span(s.u).first((s.first + n_used) * m.inputs.size()), s.first, p.h_max};
   const auto rows = static_cast<Eigen::Index>(n_used) * ny;
   const auto coordinates = m.free_coordinates(start.chart);
   for (int round = 0; round < 6; ++round) {
@@ -238,7 +248,8 @@ bool start_from(const Problem& p, const Segment& s, std::span<const double> valu
     a.diagonal().array() += 1e-9 * (1e-9 + a.diagonal().maxCoeff());
     const Eigen::VectorXd step = Eigen::LDLT<Eigen::MatrixXd>(a).solve(J.transpose() * r);
     if (!step.allFinite()) return false;
-    for (std::size_t k = 0; k < coordinates.size(); ++k) start.x[static_cast<std::size_t>(coordinates[k])] += step[static_cast<Eigen::Index>(k)];
+    for (std::size_t k = 0; k < coordinates.size(); ++k)
+      start.x[static_cast<std::size_t>(coordinates[k])] += step[static_cast<Eigen::Index>(k)];
     if (step.cwiseAbs().maxCoeff() < 1e-9) break;
   }
   return true;
@@ -282,7 +293,8 @@ void guess_starts_from_data(const Problem& p, Data& data, const std::string& rec
     s.guess.x.assign(coordinates.size(), 0.0);
     Start start = s.guess;
     if (!start_from(p, s, values, fewest_samples, start)) {
-      throw RecordError(record, "the declared model cannot follow the first samples at t = " + std::to_string(s.t[s.first]),
+      throw RecordError(record,
+                        "the declared model cannot follow the first samples at t = " + std::to_string(s.t[s.first]),
                         "check --set, the units and the model");
     }
     // Ever longer, so that a start near an unstable rest is found.

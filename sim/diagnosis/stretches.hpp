@@ -9,7 +9,7 @@
 namespace saltus::diagnosis {
 
 struct Cut {
-  double length = 0.0;    // [s] of a stretch; 0: chosen by the record
+  double length = 0.0;     // [s] of a stretch; 0: chosen by the record
   double exclude = 0.035;  // [s] left out on either side of a change of chart, where the structure rings
   bool exact = false;      // stretches of just that length, what is left over is not used
   std::vector<bool> skip;  // (rows) never used; empty: none
@@ -18,8 +18,8 @@ struct Cut {
 // Where a stretch comes from.
 struct Origin {
   int experiment = 0;
-  int cycle = 0;            // 0 where the record does not count them
-  std::size_t row = 0;      // its first
+  int cycle = 0;                  // 0 where the record does not count them
+  std::size_t row = 0;            // its first
   double begin = 0.0, end = 0.0;  // [s]
 };
 

@@ -1,6 +1,6 @@
 // A compass-gait walking robot: two straight legs of different make, an outer pair and an inner one, joined at a hip
-// whose motor turns one against the other. A counterweighted boom carries the hip, so that what weighs there is not what
-// has inertia there. The chart is the leg that stands. `hip` is the angle of the inner leg against the outer one,
+// whose motor turns one against the other. A counterweighted boom carries the hip, so that what weighs there is not
+// what has inertia there. The chart is the leg that stands. `hip` is the angle of the inner leg against the outer one,
 // `stance` that of the standing leg from the vertical, positive leaning back; the motor's torque acts along `hip`.
 #pragma once
 
@@ -39,16 +39,16 @@ struct CompassGaitRobot {
   static constexpr std::array inputs{Quantity{"u", "V"}};
   static constexpr std::array outputs{Quantity{"hip", "rad"}, Quantity{"stance", "rad"}};
 
-  S leg_mass = 0.7;            // [kg]     of each leg
-  S leg_length = 0.2778;       // [m]
-  S com_inner = 0.0448;        // [m]      from the hip to the leg's centre of mass
-  S com_outer = 0.0502;        // [m]
-  S inertia_inner = 0.00432;   // [kg m^2] of the leg about the hip
-  S inertia_outer = 0.00437;   // [kg m^2]
-  S hip_mass = 2.0;            // [kg]     what has inertia at the hip, boom and counterweight included
-  S hip_gravity_mass = -0.4;   // [kg]     what weighs there
-  S motor_constant = 0.0182;   // [N m/V]
-  S g = 9.81;                  // [m/s^2]
+  S leg_mass = 0.7;           // [kg]     of each leg
+  S leg_length = 0.2778;      // [m]
+  S com_inner = 0.0448;       // [m]      from the hip to the leg's centre of mass
+  S com_outer = 0.0502;       // [m]
+  S inertia_inner = 0.00432;  // [kg m^2] of the leg about the hip
+  S inertia_outer = 0.00437;  // [kg m^2]
+  S hip_mass = 2.0;           // [kg]     what has inertia at the hip, boom and counterweight included
+  S hip_gravity_mass = -0.4;  // [kg]     what weighs there
+  S motor_constant = 0.0182;  // [N m/V]
+  S g = 9.81;                 // [m/s^2]
 
   static constexpr auto parameters() {
     using M = CompassGaitRobot;
@@ -79,8 +79,7 @@ struct CompassGaitRobot {
     const Pose p = pose(c, x);
     // On the legs' own angles the torque along `hip` is one of opposite signs.
     const S torque = sign(c) * motor_constant * u[0];
-    V2 a = legs.acceleration(p.q, p.v, g, S(0.0));
-    a += legs.mass_inverse(p.q) * V2{torque, -torque};
+    const V2 a = legs.mass_inverse(p.q) * (legs.torques(p.q, p.v, g, S(0.0)) + V2{torque, -torque});
     return {x[2], x[3], sign(c) * (a[0] - a[1]), -a[0]};
   }
   // The swing foot comes down ahead. Before the standing leg has passed the vertical, and while the foot rises, it may
@@ -88,7 +87,7 @@ struct CompassGaitRobot {
   template <class E>
   S guard(E, const X& x, const U&) const noexcept {
     const Pose p = pose(typename E::from{}, x);
-    const S foot = cos(p.q[0]) - cos(p.q[1]);  // its height over the leg's length
+    const S foot = cos(p.q[0]) - cos(p.q[1]);                      // its height over the leg's length
     const S rising = sin(p.q[1]) * p.v[1] - sin(p.q[0]) * p.v[0];  // times 1 s; only its sign matters
     const S leaning = -p.q[0];
     const S back = leaning > rising ? leaning : rising;

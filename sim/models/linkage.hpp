@@ -36,8 +36,8 @@ struct Linkage {
   }
   Mat<N, N, S> mass_inverse(const Vec<N, S>& q) const noexcept { return mass(q).inverse(); }
 
-  // q'' [rad/s^2] without torques.
-  Vec<N, S> acceleration(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
+  // [N m] of weight and of the links' motion, joint by joint.
+  Vec<N, S> torques(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
     Vec<N, S> torque;
     for (int j = 0; j < N; ++j) {
       torque[j] = g * B[j] * sin(q[j] + slope);
@@ -45,7 +45,11 @@ struct Linkage {
         if (k != j) torque[j] -= A(j, k) * sin(q[j] - q[k]) * v[k] * v[k];
       }
     }
-    return mass_inverse(q) * torque;
+    return torque;
+  }
+  // q'' [rad/s^2] without other torques.
+  Vec<N, S> acceleration(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
+    return mass_inverse(q) * torques(q, v, g, slope);
   }
 
   // Rates after a plastic impact that stops the pivot, which came along at (px, py) [m/s] with the links turning at w:

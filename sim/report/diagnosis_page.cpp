@@ -203,7 +203,7 @@ std::string self_paced_section(const Diagnosis& d) {
          "What is left of the measurement is correlated in time: " +
          format("%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against that, ", d.self_paced.independent,
                 d.threshold * d.threshold) +
-         "and, fitted on part of the data, leaves at most 97 % of the error of predicting the rest.</p>\n" + step_table(d);
+         "and, fitted on part of the data, leaves at most 93 % of the error of predicting the rest.</p>\n" + step_table(d);
   }
   return h;
 }
@@ -249,6 +249,7 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
     for (std::size_t i = 0; i < f.ties.size(); ++i) h += (i == 0 ? "; could as well be " : ", ") + escaped(f.ties[i]);
     h += "<br>\n";
   }
+  if (d.self_paced.is && !d.self_paced.runs.empty()) h += free_run_headline(d) + "<br>\n";
   if (std::isfinite(d.heldout.after)) {
     h += "Error on held-out data, in units of the noise: <b>" + number(d.heldout.before) + " &rarr; " + number(d.heldout.refit) + " &rarr; " +
          number(d.heldout.after) + "</b> (declared, refitted, " + (d.effects.empty() ? "final" : "with the effect") + ")";

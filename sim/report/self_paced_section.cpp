@@ -59,7 +59,8 @@ std::vector<Figure> free_run_figures(const Diagnosis& d) {
     right.title = plain(d.output_names[o]) + ": how far off";
     right.y_label = shown_unit(unit);
     left.settings = right.settings = "set key top right";
-    Curve measured{"measured", "points lc rgb '#999999' pt 7 ps 0.25", {}}, refitted{"refitted", "lines lc rgb '#c0392b'", {}},
+    Curve measured{"measured", "points lc rgb '#999999' pt 7 ps 0.25", {}},
+        refitted{"refitted", "lines lc rgb '#c0392b'", {}},
         with{after ? "with the effects" : "final", "lines lc rgb '#2471a3' lw 1.5", {}};
     Curve off_refitted = refitted, off_with = with;
     std::vector<double> size;
@@ -87,16 +88,37 @@ std::vector<Figure> free_run_figures(const Diagnosis& d) {
   return figures;
 }
 
+std::string free_run_headline(const Diagnosis& d) {
+  // Of the longest held-out ones; where nothing was held out, of those there are.
+  const FreeRun* best = &d.self_paced.runs.front();
+  for (const FreeRun& f : d.self_paced.runs) {
+    if (f.data == best->data && f.horizon > best->horizon) best = &f;
+  }
+  std::string h =
+      format("Free runs over %.3g s, ", best->horizon) + best->data + ", error at declared, refitted and final values:";
+  for (std::size_t o = 0; o < best->after.size(); ++o) {
+    const std::string& u = d.output_units[o];
+    h += (o == 0 ? " " : ", ") + d.output_names[o] +
+         format(" <b>%.3g &rarr; %.3g &rarr; %.3g</b> ", shown(best->before[o], u), shown(best->refit[o], u),
+                shown(best->after[o], u)) +
+         shown_unit(u);
+  }
+  return h;
+}
+
 std::string free_run_table(const Diagnosis& d) {
   std::string h =
-      "<table><tr><th>root mean square of the error</th><th>runs</th><th>declared</th><th>refitted</th><th>after</th><th>after, at the end</th>"
+      "<table><tr><th>root mean square of the "
+      "error</th><th>runs</th><th>declared</th><th>refitted</th><th>after</th><th>after, at the end</th>"
       "<th>after, the median run</th><th>noise</th></tr>\n";
   for (const FreeRun& f : d.self_paced.runs) {
     for (std::size_t o = 0; o < f.after.size(); ++o) {
       const std::string& u = d.output_units[o];
-      h += "<tr><td>" + d.output_names[o] + format(" over %.3g s, ", f.horizon) + f.data + " [" + shown_unit(u) + "]</td>" +
-           format("<td>%d</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.2g</td></tr>\n", f.runs, shown(f.before[o], u),
-                  shown(f.refit[o], u), shown(f.after[o], u), shown(f.end_after[o], u), shown(f.median_after[o], u), shown(d.noise[o], u));
+      h += "<tr><td>" + d.output_names[o] + format(" over %.3g s, ", f.horizon) + f.data + " [" + shown_unit(u) +
+           "]</td>" +
+           format("<td>%d</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.3g</td><td>%.2g</td></tr>\n",
+                  f.runs, shown(f.before[o], u), shown(f.refit[o], u), shown(f.after[o], u), shown(f.end_after[o], u),
+                  shown(f.median_after[o], u), shown(d.noise[o], u));
     }
   }
   return h + "</table>\n";
@@ -105,14 +127,16 @@ std::string free_run_table(const Diagnosis& d) {
 std::string step_table(const Diagnosis& d) {
   if (d.self_paced.steps.empty()) return "";
   std::string h =
-      "<table><tr><th>effect</th><th>beside</th><th>gain in likelihood</th><th>error left, predicting parts not fitted</th><th>parts better</th>"
+      "<table><tr><th>effect</th><th>beside</th><th>gain in likelihood</th><th>error left, predicting parts not "
+      "fitted</th><th>parts better</th>"
       "<th></th></tr>\n";
   for (const Step& t : d.self_paced.steps) {
     std::string beside;
     for (const auto& b : t.beside) beside += (beside.empty() ? "" : ", ") + b;
-    h += std::string(t.taken ? "<tr class=\"chosen\"><td>" : "<tr><td>") + t.effect + "</td><td>" + (beside.empty() ? "the refitted model" : beside) +
-         format("</td><td>%.0f</td><td>%.0f %%</td><td>%d of %d</td><td>%s</td></tr>\n", t.gain, 100.0 * t.predicted, t.better, t.parts,
-                t.taken ? "taken" : "not claimed");
+    h += std::string(t.taken ? "<tr class=\"chosen\"><td>" : "<tr><td>") + t.effect + "</td><td>" +
+         (beside.empty() ? "the refitted model" : beside) +
+         format("</td><td>%.0f</td><td>%.0f %%</td><td>%d of %d</td><td>%s</td></tr>\n", t.gain, 100.0 * t.predicted,
+                t.better, t.parts, t.taken ? "taken" : "not claimed");
   }
   return h + "</table>\n";
 }
