@@ -60,7 +60,7 @@ double choose_step(const Problem& p) {
         const double d = (fine.y[i] - coarse[i]) / data.noise[row % ny];
         sum += d * d * s.count[row];
       }
-      if (sum * static_cast<double>(data.segments.size()) < 0.5) return h;
+      if (sum * static_cast<double>(data.segments.size()) < 0.05) return 2.0 * h;
     }
     coarse = fine.y;
     h *= 0.5;
