@@ -68,7 +68,7 @@ inline void cut(Record& r, std::size_t rows) {
 
 // Starts every experiment on the limit cycle. `record`, when given, receives every sample, settling included. Status:
 // of the orbit search when that failed, failed when the cycle does not attract so that no experiment would settle
-// (nothing is identified then) or when the machine left it, else the worst the machine reported.
+// (nothing is identified then) or when the machine was far from it and did not say why, else the worst it reported.
 // `play(experiment, rig, stimulus, spectrum, samples, settle, estimator, on_sample)` plays one and returns its status;
 // it may begin one again, and the rig is for who wants one in this process.
 template <class M, class Family, class Play>
@@ -153,7 +153,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     const Status s =
         play(static_cast<std::int32_t>(e), rig, std::span<const double>(stimulus), std::span<const Complex>(u), samples,
              o.settle * plan.options.sections, *estimator, on_sample);
-    c.id.worst = worse(c.id.worst, near ? s : worse(s, Status::failed));
+    c.id.worst = worse(c.id.worst, near || !usable(s) ? s : Status::failed);
     if (!usable(c.id.worst)) return campaign;
     c.id.samples += o.periods * length;
     collect(*estimator, u, 0, ny, c.id, line_noise);

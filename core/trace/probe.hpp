@@ -61,8 +61,8 @@ class Probe {
     lag_moves_ = moving(wires_.input_lag);
   }
 
-  // Calls on_sample(i, y) for every sample from course.first on; y carries the derivatives. The status is the worst met;
-  // where it is not usable the run ends early. With a clock, start's clock coordinate is the angle at t[first].
+  // Calls on_sample(i, y) for every sample from course.first on; y carries the derivatives. The status is the worst
+  // met; where it is not usable the run ends early. With a clock, start's clock coordinate is the angle at t[first].
   // Without `derivatives` only the values of y mean anything, at a fraction of the cost.
   template <class OnSample>
   Status run(const Course& course, const Point<M>& start, OnSample&& on_sample, bool derivatives = true) noexcept {
@@ -351,8 +351,8 @@ class Probe {
       constexpr int n = decltype(c)::dim;
       r.y = lifted_.output(c, q.in(c), u);
       const Vec<n, D> f = lifted_.flow(c, q.in(c), u);
-      const Mat<ny, n> slope = gradient_of(
-          lift<Dual<n>>(model_.model).output(c, variables<n, n>(p.in(c), 0), constants<nu, n>(u0)));
+      const Mat<ny, n> slope =
+          gradient_of(lift<Dual<n>>(model_.model).output(c, variables<n, n>(p.in(c), 0), constants<nu, n>(u0)));
       for (int i = 0; i < ny; ++i) {
         r.rate[i] = D(0.0);
         for (int j = 0; j < n; ++j) {

@@ -35,11 +35,13 @@ std::vector<std::size_t> match(const Record& record, const std::vector<saltus::C
     if (it == have.end()) {
       std::vector<Channel> names;
       for (const auto& c : have) names.push_back({c.name, c.unit});
-      throw RecordError(record.name, "it has no " + std::string(kind) + " '" + w.name + "' (it has " + listed(names) + ")",
+      throw RecordError(record.name,
+                        "it has no " + std::string(kind) + " '" + w.name + "' (it has " + listed(names) + ")",
                         "record it, or choose the model the record was made with");
     }
     if (!it->unit.empty() && !w.unit.empty() && it->unit != w.unit) {
-      throw RecordError(record.name, std::string(kind) + " " + w.name + " is in " + it->unit + ", the model's in " + w.unit,
+      throw RecordError(record.name,
+                        std::string(kind) + " " + w.name + " is in " + it->unit + ", the model's in " + w.unit,
                         "convert the column and its header to SI units");
     }
     order.push_back(static_cast<std::size_t>(it - have.begin()));
@@ -162,7 +164,8 @@ std::vector<int> excited_lines(const Segment& s, std::size_t inputs, int period)
   const std::size_t L = s.t.size() - s.first;
   const std::size_t last = std::min(L / 2, static_cast<std::size_t>(10 * period));
   std::vector<Complex> turn(L);
-  for (std::size_t n = 0; n < L; ++n) turn[n] = root_of_unity(static_cast<std::int64_t>(n), static_cast<std::int64_t>(L));
+  for (std::size_t n = 0; n < L; ++n)
+    turn[n] = root_of_unity(static_cast<std::int64_t>(n), static_cast<std::int64_t>(L));
   std::vector<double> power(last + 1, 0.0);
   double largest = 0.0;
   for (std::size_t c = 0; c < inputs; ++c) {
@@ -183,7 +186,8 @@ std::vector<int> excited_lines(const Segment& s, std::size_t inputs, int period)
 }  // namespace
 
 std::vector<std::size_t> columns_of(const Record& record, const Machine& machine, bool outputs) {
-  return outputs ? match(record, record.outputs, machine.outputs, "output") : match(record, record.inputs, machine.inputs, "input");
+  return outputs ? match(record, record.outputs, machine.outputs, "output")
+                 : match(record, record.inputs, machine.inputs, "input");
 }
 
 double resolution_of(std::vector<double> v) {
@@ -195,7 +199,8 @@ double resolution_of(std::vector<double> v) {
   if (v.size() < 3) return 0.0;
   std::vector<double> steps;
   for (std::size_t i = 1; i < v.size(); ++i) steps.push_back(v[i] - v[i - 1]);
-  const auto few = steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10);  // values that are rare lie steps apart
+  const auto few =
+      steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 10);  // values that are rare lie steps apart
   std::nth_element(steps.begin(), few, steps.end());
   const double step = *few;
   std::size_t whole = 0;
@@ -214,7 +219,8 @@ void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residu
       const auto& r = residual[s];
       const auto& c = data.segments[s].count;
       for (Eigen::Index i = j + ny; i + ny < r.size(); i += ny) {
-        if (c[i] > 0.0 && c[i - ny] > 0.0 && c[i + ny] > 0.0) d.push_back(std::abs(r[i] - 0.5 * (r[i - ny] + r[i + ny])));
+        if (c[i] > 0.0 && c[i - ny] > 0.0 && c[i + ny] > 0.0)
+          d.push_back(std::abs(r[i] - 0.5 * (r[i - ny] + r[i + ny])));
       }
     }
     double sigma = d.empty() ? data.noise[j] : median(d) / (0.6744897501960817 * std::sqrt(1.5));
@@ -237,13 +243,14 @@ Data prepare(const Record& record, const Machine& machine) {
   if (list.empty()) throw RecordError(record.name, "it has no data rows", "record some");
 
   if (machine.has_clock && !record.clock_paced()) {
-    throw RecordError(record.name, "the model is paced by a clock, but the record does not say how",
-                      "add `# sections: clock`, `# sections-per-cycle: N`, `# cycle-period-s: T` and the columns cycle, section");
+    throw RecordError(
+        record.name, "the model is paced by a clock, but the record does not say how",
+        "add `# sections: clock`, `# sections-per-cycle: N`, `# cycle-period-s: T` and the columns cycle, section");
   }
-  if (machine.has_clock && record.cycle_period &&
-      std::abs(*record.cycle_period / machine.cycle_period - 1.0) > 1e-6) {
-    throw RecordError(record.name, "its clock turns in " + std::to_string(*record.cycle_period) + " s, the model's in " +
-                                       std::to_string(machine.cycle_period) + " s",
+  if (machine.has_clock && record.cycle_period && std::abs(*record.cycle_period / machine.cycle_period - 1.0) > 1e-6) {
+    throw RecordError(record.name,
+                      "its clock turns in " + std::to_string(*record.cycle_period) + " s, the model's in " +
+                          std::to_string(machine.cycle_period) + " s",
                       "set the model's clock rate, for example --set omega=" +
                           std::to_string(6.283185307179586 / *record.cycle_period));
   }
@@ -261,10 +268,12 @@ Data prepare(const Record& record, const Machine& machine) {
       int usable = grid.cycles - skip;
       // The time column must be the clock's.
       for (std::size_t row = e.first_row; row < e.first_row + e.rows; row += 97) {
-        const double expected = (record.cycle[row] + static_cast<double>(record.section[row]) / sections) * cycle_period;
+        const double expected =
+            (record.cycle[row] + static_cast<double>(record.section[row]) / sections) * cycle_period;
         if (std::abs(record.t[row] - expected) > 0.02 * cycle_period / sections) {
-          throw RecordError(record.name, "experiment " + std::to_string(e.id) + ": t = " + std::to_string(record.t[row]) +
-                                             " where cycle and section say " + std::to_string(expected),
+          throw RecordError(record.name,
+                            "experiment " + std::to_string(e.id) + ": t = " + std::to_string(record.t[row]) +
+                                " where cycle and section say " + std::to_string(expected),
                             "t must be 0 at phase 0 of the clock; shift the column, or correct cycle-period-s");
         }
       }
@@ -275,8 +284,9 @@ Data prepare(const Record& record, const Machine& machine) {
         period = usable;
       }
       if (usable < 2) {
-        throw RecordError(record.name, "experiment " + std::to_string(e.id) + " has " + std::to_string(std::max(0, usable)) +
-                                           " whole cycles after settling",
+        throw RecordError(record.name,
+                          "experiment " + std::to_string(e.id) + " has " + std::to_string(std::max(0, usable)) +
+                              " whole cycles after settling",
                           "record more cycles, or lower settle-cycles");
       }
       Segment s;
@@ -284,19 +294,22 @@ Data prepare(const Record& record, const Machine& machine) {
       const auto skipped = static_cast<std::size_t>(skip) * n_section;
       const auto length = static_cast<std::size_t>(period) * n_section;
       // History: what was applied before; where the stimulus repeats it ran before the settling, too.
-      const std::size_t lead = repeats > 1 ? n_section * static_cast<std::size_t>(std::min(24, std::max(1, skip + grid.first_cycle)))
-                                           : skipped;
+      const std::size_t lead =
+          repeats > 1 ? n_section * static_cast<std::size_t>(std::min(24, std::max(1, skip + grid.first_cycle)))
+                      : skipped;
       for (std::size_t i = 0; i < lead + length; ++i) {
         const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(skipped + i) - static_cast<std::ptrdiff_t>(lead);
         s.t.push_back((grid.first_cycle + static_cast<double>(at) / sections) * cycle_period);
         for (std::size_t j = 0; j < nu; ++j) {
-          const auto wrapped = at < 0 ? static_cast<std::size_t>(at + static_cast<std::ptrdiff_t>(length)) : static_cast<std::size_t>(at);
+          const auto wrapped = at < 0 ? static_cast<std::size_t>(at + static_cast<std::ptrdiff_t>(length))
+                                      : static_cast<std::size_t>(at);
           double v = grid.inputs[in[j]][wrapped];
           if (!std::isfinite(v)) {
             if (grid.missing_inputs > 0 && repeats < 2 && !s.u.empty()) v = s.u[s.u.size() - nu];
             if (!std::isfinite(v)) {
-              throw RecordError(record.name, "experiment " + std::to_string(e.id) + ": the input " + machine.inputs[j].name +
-                                                 " is not known at some samples",
+              throw RecordError(record.name,
+                                "experiment " + std::to_string(e.id) + ": the input " + machine.inputs[j].name +
+                                    " is not known at some samples",
                                 "give the input in every row");
             }
           }
@@ -319,7 +332,8 @@ Data prepare(const Record& record, const Machine& machine) {
     Eigen::VectorXd scale = robust_scale(all, static_cast<Eigen::Index>(ny));
     data.noise_measured = data.repeats > 1 && scale.minCoeff() > 0.0;
     for (std::size_t j = 0; j < ny; ++j) {  // coarse steps can make repeats agree exactly
-      scale[static_cast<Eigen::Index>(j)] = std::max(scale[static_cast<Eigen::Index>(j)], data.quality.resolution[j] / std::sqrt(12.0));
+      scale[static_cast<Eigen::Index>(j)] =
+          std::max(scale[static_cast<Eigen::Index>(j)], data.quality.resolution[j] / std::sqrt(12.0));
     }
     if (!data.noise_measured) scale.setConstant(std::numeric_limits<double>::infinity());
     for (std::size_t k = 0; k < all.size(); ++k) average(data, data.segments[k], all[k], scale);
@@ -332,7 +346,8 @@ Data prepare(const Record& record, const Machine& machine) {
       data.notes.push_back("No stimulus repeats: the noise is taken from the residual itself, so claims are weaker.");
     }
   } else {
-    throw RecordError(record.name, "the model " + machine.name + " has no clock to lay it out by", "cut it into stretches");
+    throw RecordError(record.name, "the model " + machine.name + " has no clock to lay it out by",
+                      "cut it into stretches");
   }
   if (list.size() == 1) data.notes.push_back("One experiment only: what is held out is the end of it.");
   return data;

@@ -41,11 +41,11 @@ struct Quality {
 struct Data {
   std::vector<Segment> segments;
   int repeats = 1;
-  int sections = 0;        // [-] a cycle; 0 where the record is not paced by a clock
-  int period_cycles = 0;   // [cycle] of a segment where the stimulus repeats
-  Eigen::VectorXd noise;   // (outputs) [unit] standard deviation of one measurement
+  int sections = 0;             // [-] a cycle; 0 where the record is not paced by a clock
+  int period_cycles = 0;        // [cycle] of a segment where the stimulus repeats
+  Eigen::VectorXd noise;        // (outputs) [unit] standard deviation of one measurement
   bool noise_measured = false;  // from repeats
-  double colour = 1.0;     // [-] by how much correlated noise widens the scatter of a sum of squares
+  double colour = 1.0;          // [-] by how much correlated noise widens the scatter of a sum of squares
   bool coloured = false;
   Quality quality;
   std::vector<std::string> notes;

@@ -31,7 +31,6 @@ class Clock {
     const auto now = std::chrono::steady_clock::now();
     d_.seconds.emplace_back(what, std::chrono::duration<double>(now - last_).count());
     last_ = now;
-
   }
 
  private:
@@ -100,11 +99,16 @@ Fit predict(const Problem& p, const std::vector<int>& segments, const Fit& f) {
 
 std::string name(Verdict v) {
   switch (v) {
-    case Verdict::effect_found: return "effect_found";
-    case Verdict::no_discrepancy: return "no_discrepancy";
-    case Verdict::parameters_only: return "parameters_only";
-    case Verdict::ambiguous: return "ambiguous";
-    case Verdict::unexplained: return "unexplained";
+    case Verdict::effect_found:
+      return "effect_found";
+    case Verdict::no_discrepancy:
+      return "no_discrepancy";
+    case Verdict::parameters_only:
+      return "parameters_only";
+    case Verdict::ambiguous:
+      return "ambiguous";
+    case Verdict::unexplained:
+      return "unexplained";
   }
   return "";
 }
@@ -153,7 +157,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   for (const Segment& s : data.segments) rows += static_cast<double>((s.count.array() > 0.0).count());
   const double unknowns = static_cast<double>(machine.declared) + static_cast<double>(all.size()) * machine.starts();
   if (rows < 5.0 * unknowns) {
-    throw RecordError(record.name, "it has " + text(rows, "%.0f") + " measurements for " + text(unknowns, "%.0f") + " unknowns",
+    throw RecordError(record.name,
+                      "it has " + text(rows, "%.0f") + " measurements for " + text(unknowns, "%.0f") + " unknowns",
                       "record for longer");
   }
 
@@ -161,13 +166,17 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   std::vector<int> candidates;
   for (std::size_t i = 0; i < machine.coefficients.size(); ++i) {
     const Coefficient& c = machine.coefficients[i];
-    const bool exact = i < machine.declared && !c.candidate && static_cast<int>(i) != machine.clock && p.tolerance[i] == 0.0;
-    if (c.candidate && c.profile_of.empty() && wanted(options.candidates, c.name)) candidates.push_back(static_cast<int>(i));
+    const bool exact =
+        i < machine.declared && !c.candidate && static_cast<int>(i) != machine.clock && p.tolerance[i] == 0.0;
+    if (c.candidate && c.profile_of.empty() && wanted(options.candidates, c.name))
+      candidates.push_back(static_cast<int>(i));
     if (exact && wanted(options.candidates, "parameter:" + c.name)) candidates.push_back(static_cast<int>(i));
   }
   const auto label = [&](int c) {
     const std::string& n = machine.coefficients[static_cast<std::size_t>(c)].name;
-    return c < static_cast<int>(machine.declared) && !machine.coefficients[static_cast<std::size_t>(c)].candidate ? "parameter:" + n : n;
+    return c < static_cast<int>(machine.declared) && !machine.coefficients[static_cast<std::size_t>(c)].candidate
+               ? "parameter:" + n
+               : n;
   };
   if (!options.candidates.empty() && candidates.empty()) {
     throw RecordError(record.name, "no candidate has the name " + listed(options.candidates),
@@ -191,7 +200,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
         const auto& e = r[static_cast<std::size_t>(index)];
         for (Eigen::Index i = ny; i + ny < e.size(); ++i) {
           if (s.count[i] > 0.0 && std::abs(e[i] - 0.5 * (e[i - ny] + e[i + ny])) > 8.0 * data.noise[i % ny] &&
-              std::abs(e[i] - e[i - ny]) > 6.0 * data.noise[i % ny] && std::abs(e[i] - e[i + ny]) > 6.0 * data.noise[i % ny]) {
+              std::abs(e[i] - e[i - ny]) > 6.0 * data.noise[i % ny] &&
+              std::abs(e[i] - e[i + ny]) > 6.0 * data.noise[i % ny]) {
             s.count[i] = 0.0;
             ++data.quality.outliers;
           }
@@ -251,12 +261,15 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   if (d.verdict == Verdict::effect_found) {
     for (const auto& [set, t] : search.pool()) {
       if (set == chosen.effects || t.bic > chosen.bic + 4.0 * close) continue;
-      if (std::includes(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end())) continue;  // it and one too many
+      if (std::includes(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end()))
+        continue;  // it and one too many
       d.rivals.push_back({names_of(set), t.bic - chosen.bic});
       if (t.bic > chosen.bic + close) continue;
       std::vector<int> mine, other;
-      std::set_difference(chosen.effects.begin(), chosen.effects.end(), set.begin(), set.end(), std::back_inserter(mine));
-      std::set_difference(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end(), std::back_inserter(other));
+      std::set_difference(chosen.effects.begin(), chosen.effects.end(), set.begin(), set.end(),
+                          std::back_inserter(mine));
+      std::set_difference(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end(),
+                          std::back_inserter(other));
       bool twins = mine.size() == 1 && other.size() == 1;
       if (twins) {
         ties.emplace_back(mine[0], other[0]);
@@ -271,7 +284,9 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   }
   if (d.verdict == Verdict::effect_found) {  // a declared parameter that was said to be exact is not an effect
     bool only = true;
-    for (const int c : chosen.effects) only = only && c < static_cast<int>(machine.declared) && !machine.coefficients[static_cast<std::size_t>(c)].candidate;
+    for (const int c : chosen.effects)
+      only = only && c < static_cast<int>(machine.declared) &&
+             !machine.coefficients[static_cast<std::size_t>(c)].candidate;
     if (only) d.verdict = Verdict::parameters_only;
   }
 
@@ -310,13 +325,15 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     d.parameters.push_back(row);
     const double off = (final_fit.values[k] - c.nominal) / std::max(1e-300, p.tolerance[k]);
     if (p.tolerance[k] > 0.0 && std::abs(off) > 4.0) {
-      d.notes.push_back("Parameter " + c.name + " lies " + text(std::abs(off), "%.1f") + " tolerances from its declared value: " +
-                        text(final_fit.values[k], "%.5g") + " " + c.unit + " instead of " + text(c.nominal, "%.5g") + ".");
+      d.notes.push_back("Parameter " + c.name + " lies " + text(std::abs(off), "%.1f") +
+                        " tolerances from its declared value: " + text(final_fit.values[k], "%.5g") + " " + c.unit +
+                        " instead of " + text(c.nominal, "%.5g") + ".");
     }
   }
 
   // Before and after, on all data and on data held out.
-  const Sum s_declared = raw_squares(p, all, declared), s_refit = raw_squares(p, all, refit), s_after = raw_squares(p, all, final_fit);
+  const Sum s_declared = raw_squares(p, all, declared), s_refit = raw_squares(p, all, refit),
+            s_after = raw_squares(p, all, final_fit);
   d.all = {normalised(data, s_declared), normalised(data, s_refit), normalised(data, s_after), 1.0};
   for (std::size_t j = 0; j < data.outputs(); ++j) {
     const auto i = static_cast<Eigen::Index>(j);
@@ -337,7 +354,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     for (const int i : test) d.held_out.push_back(data.segments[static_cast<std::size_t>(i)].experiment);
     const Fit t_refit = fit(p, train, refit, {});
     const Fit t_after = d.effects.empty() ? t_refit : fit(p, train, final_fit, chosen.effects);
-    const Fit h_declared = predict(p, test, declared), h_refit = predict(p, test, t_refit), h_after = predict(p, test, t_after);
+    const Fit h_declared = predict(p, test, declared), h_refit = predict(p, test, t_refit),
+              h_after = predict(p, test, t_after);
     d.heldout = {normalised(data, raw_squares(p, test, h_declared)), normalised(data, raw_squares(p, test, h_refit)),
                  normalised(data, raw_squares(p, test, h_after)), 1.0};
     const double n = expected_chi2(p, test);
@@ -349,7 +367,9 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     d.excess_explained_declared = share(h_declared.chi2);
     // Rivals on the same held-out data; if one predicts clearly better, likelihood and prediction disagree: a tie.
     for (const auto& [set, t] : search.pool()) {
-      if (d.effects.empty() || set == chosen.effects || t.bic > chosen.bic + 2.0 * close || set.size() > chosen.effects.size()) continue;
+      if (d.effects.empty() || set == chosen.effects || t.bic > chosen.bic + 2.0 * close ||
+          set.size() > chosen.effects.size())
+        continue;
       const Fit h = predict(p, test, fit(p, train, t.fit, set));
       if (h.chi2 < h_after.chi2 - close && t.bic > chosen.bic + close) {
         d.notes.push_back("Held-out data prefer " + listed(names_of(set)) + ".");
@@ -382,7 +402,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
       row.remark = "unidentifiable while " + e0.imitated_by[i] + " is free";
     } else {
       row.limit = (search.threshold() + 1.645) * e0.error[k];
-      if (!search.physical(c, e0.z[k]) && std::abs(e0.z[k]) > search.threshold()) row.remark = "would need an unphysical sign";
+      if (!search.physical(c, e0.z[k]) && std::abs(e0.z[k]) > search.threshold())
+        row.remark = "would need an unphysical sign";
     }
     d.candidates.push_back(std::move(row));
   }
@@ -398,7 +419,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     }
   }
   if (!hidden.empty()) {
-    d.notes.push_back("Unidentifiable here, because declared parameters within their tolerances imitate them: " + listed(hidden) + ".");
+    d.notes.push_back("Unidentifiable here, because declared parameters within their tolerances imitate them: " +
+                      listed(hidden) + ".");
   }
 
   d.repeats = data.repeats;
@@ -411,14 +433,15 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     d.output_names.push_back(machine.outputs[j].name);
     d.output_units.push_back(machine.outputs[j].unit);
   }
-  if (data.quality.missing > 0) d.notes.push_back(text(static_cast<double>(data.quality.missing), "%.0f") + " values were missing.");
+  if (data.quality.missing > 0)
+    d.notes.push_back(text(static_cast<double>(data.quality.missing), "%.0f") + " values were missing.");
   if (data.quality.outliers > 0) {
     d.notes.push_back(text(static_cast<double>(data.quality.outliers), "%.0f") + " values were left out as outliers.");
   }
   for (std::size_t j = 0; j < data.outputs(); ++j) {
     if (data.quality.resolution[j] > 2.0 * data.noise[static_cast<Eigen::Index>(j)]) {
-      d.notes.push_back(machine.outputs[j].name + " comes in steps of " + text(data.quality.resolution[j]) + " " + machine.outputs[j].unit +
-                        ", coarser than its noise.");
+      d.notes.push_back(machine.outputs[j].name + " comes in steps of " + text(data.quality.resolution[j]) + " " +
+                        machine.outputs[j].unit + ", coarser than its noise.");
     }
   }
   d.notes.insert(d.notes.end(), data.notes.begin(), data.notes.end());

@@ -1,5 +1,5 @@
-// Closing the loop: what does the model lack? Given a record and a declared machine, finds the residual, traces it to an
-// effect, adds it, and reports the error before and after. Inventing a cause is worse than finding none.
+// Closing the loop: what does the model lack? Given a record and a declared machine, finds the residual, traces it to
+// an effect, adds it, and reports the error before and after. Inventing a cause is worse than finding none.
 #pragma once
 
 #include <cstdint>
@@ -22,9 +22,9 @@ struct Options {
   std::vector<std::pair<std::string, double>> set;        // declared values
   std::vector<std::string> candidates;                    // empty: all; an entry ending in * is a beginning
   int holdout = -1;                                       // experiments held out; -1: a third of them
-  double holdout_share = -1.0;  // [-] of a record that no clock paces; -1: a third
-  double stretch = 0.0;         // [s] of the stretches that one is cut into; 0: chosen by the record
-  double horizon = 0.0;         // [s] of its free runs; 0: chosen by the record
+  double holdout_share = -1.0;                            // [-] of a record that no clock paces; -1: a third
+  double stretch = 0.0;  // [s] of the stretches that one is cut into; 0: chosen by the record
+  double horizon = 0.0;  // [s] of its free runs; 0: chosen by the record
   std::uint64_t seed = 1;
   double false_alarm = 0.01;  // [-] probability of any candidate passing when there is nothing
   std::function<void(double, const char*)> progress;
@@ -39,7 +39,8 @@ struct Finding {
 
 struct ParameterRow {
   std::string name, unit;
-  double declared = 0.0, tolerance = 0.0, refitted = 0.0, refitted_error = 0.0, with_effect = 0.0, with_effect_error = 0.0;
+  double declared = 0.0, tolerance = 0.0, refitted = 0.0, refitted_error = 0.0, with_effect = 0.0,
+         with_effect_error = 0.0;
 };
 
 // Normalised errors E = sqrt(chi^2 / n) over single measurements: 1 is the noise.
@@ -53,12 +54,12 @@ struct OutputError {
 
 struct CandidateRow {
   std::string name, unit;
-  double z = 0.0;           // score at the refitted baseline
-  double value = 0.0;       // estimate: of the nonlinear fit where there was one, else first order
-  double bic = 0.0;         // relative to the baseline, negative is better; NaN where not fitted
-  double heldout = 0.0;     // normalised error on held-out data; NaN where not fitted
-  double kept = 0.0;        // share of the signature the nuisance does not imitate
-  double limit = 0.0;       // detection limit, 95 % power
+  double z = 0.0;        // score at the refitted baseline
+  double value = 0.0;    // estimate: of the nonlinear fit where there was one, else first order
+  double bic = 0.0;      // relative to the baseline, negative is better; NaN where not fitted
+  double heldout = 0.0;  // normalised error on held-out data; NaN where not fitted
+  double kept = 0.0;     // share of the signature the nuisance does not imitate
+  double limit = 0.0;    // detection limit, 95 % power
   std::string remark;
 };
 
@@ -87,14 +88,14 @@ struct Where {
 
 // One line of the frequency response: measured, and of the model by the same arithmetic.
 struct Response1 {
-  int m = 0;            // harmonic
-  double f = 0.0;       // [cycle per cycle] of the input
+  int m = 0;       // harmonic
+  double f = 0.0;  // [cycle per cycle] of the input
   std::size_t output = 0;
   double measured[2]{}, refit[2]{}, after[2]{};  // real, imaginary
   double sigma = 0.0;
 };
 
-struct MeanCycle {                                     // (sections), of one output, in noise units of the mean
+struct MeanCycle {  // (sections), of one output, in noise units of the mean
   std::vector<double> before, refit, after;
 };
 
@@ -115,9 +116,9 @@ struct SelfPaced {
   int stretches = 0, still = 0, fitted = 0;           // all; left out because nothing moved; fitted
   double independent = 0.0;                           // [-] independent numbers in the residual
   std::vector<FreeRun> runs;
-  std::vector<Trace> traces;          // of the held-out free runs
+  std::vector<Trace> traces;  // of the held-out free runs
   std::vector<Step> steps;
-  std::vector<bool> explained;        // (outputs) the effects made its free runs clearly better
+  std::vector<bool> explained;  // (outputs) the effects made its free runs clearly better
 };
 
 struct Diagnosis {
@@ -137,16 +138,16 @@ struct Diagnosis {
   Where where;
   std::vector<Profile> profiles;
   std::vector<std::pair<std::string, double>> descriptive;  // law, coefficient
-  std::vector<MeanCycle> mean_cycle;       // (outputs)
+  std::vector<MeanCycle> mean_cycle;                        // (outputs)
   std::vector<Response1> responses;
-  std::vector<std::string> charts;         // of the orbit, section by section
+  std::vector<std::string> charts;  // of the orbit, section by section
   std::vector<std::string> notes, story;
-  std::string separate;                    // the experiment that would tell the ties apart
-  double threshold = 0.0;                  // of |z|
-  int tried = 0;                           // candidates
+  std::string separate;    // the experiment that would tell the ties apart
+  double threshold = 0.0;  // of |z|
+  int tried = 0;           // candidates
   int repeats = 1, experiments = 0, sections = 0;
   bool noise_measured = false;
-  std::vector<int> held_out;               // experiments
+  std::vector<int> held_out;  // experiments
   Quality quality;
   std::vector<double> noise;
   std::vector<std::string> output_names, output_units;

@@ -15,7 +15,7 @@ namespace {
 struct Power {
   double residual = 0.0;  // sum of squares, in units of its noise
   double freedom = 0.0;
-  double noise = 0.0;          // the same of the repeats' deviations from their mean
+  double noise = 0.0;  // the same of the repeats' deviations from their mean
   double noise_freedom = 0.0;
 };
 
@@ -174,7 +174,8 @@ Evidence among(const Evidence& e, const std::vector<int>& candidates) {
   return r;
 }
 
-Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s, double tolerances) {
+Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
+               double tolerances) {
   const Data& data = *p.data;
   const auto n = static_cast<Eigen::Index>(s.candidates.size());
   const auto m = static_cast<Eigen::Index>(s.nuisance.size());
@@ -241,7 +242,8 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
     pooled = used > 0.0 ? std::max(1.0, pooled / used) : 1.0;
     for (Eigen::Index i = 0; i < n; ++i) {
       if (!(e.information(i, i) > 1e-9 * CC(i, i))) continue;
-      inflation[i] = std::max(1.0, (own * scatter[i] / e.information(i, i) + pooled_weight * pooled) / (own + pooled_weight));
+      inflation[i] =
+          std::max(1.0, (own * scatter[i] / e.information(i, i) + pooled_weight * pooled) / (own + pooled_weight));
     }
   }
   for (Eigen::Index i = 0; i < n; ++i) {

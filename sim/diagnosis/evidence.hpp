@@ -17,14 +17,14 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
 
 // The score of every candidate at a fit, what else could be refitted being refitted.
 struct Evidence {
-  std::vector<int> candidate;     // coefficients
-  Eigen::VectorXd z;              // [-] standard normal where the candidate is not there
-  Eigen::VectorXd value;          // first estimate of the coefficient
-  Eigen::VectorXd error;          // its standard deviation
-  Eigen::VectorXd kept;           // [-] share of its signature that the nuisance does not imitate
-  Eigen::VectorXd identified;     // [-] share of its information that is not from the declared tolerances
-  Eigen::MatrixXd information;    // (candidates x candidates)
-  Eigen::VectorXd score;          // information * value for one candidate alone
+  std::vector<int> candidate;            // coefficients
+  Eigen::VectorXd z;                     // [-] standard normal where the candidate is not there
+  Eigen::VectorXd value;                 // first estimate of the coefficient
+  Eigen::VectorXd error;                 // its standard deviation
+  Eigen::VectorXd kept;                  // [-] share of its signature that the nuisance does not imitate
+  Eigen::VectorXd identified;            // [-] share of its information that is not from the declared tolerances
+  Eigen::MatrixXd information;           // (candidates x candidates)
+  Eigen::VectorXd score;                 // information * value for one candidate alone
   std::vector<std::string> imitated_by;  // the nuisance that imitates it, where it is hardly identified
 
   Eigen::Index find(int coefficient) const;

@@ -29,10 +29,10 @@ Response sensitivities(const Problem& p, const Segment& s, std::span<const doubl
   return p.machine->run(values, s.course(std::max(p.h_max, p.h_slope)), start, wanted, true);
 }
 
-struct Arrow {                // normal equations of one segment, its start apart
-  Eigen::MatrixXd ss, sg;     // (starts x starts), (starts x free)
-  Eigen::VectorXd s;          // (starts)
-  Eigen::MatrixXd J;          // (rows x starts + free) whitened sensitivities
+struct Arrow {             // normal equations of one segment, its start apart
+  Eigen::MatrixXd ss, sg;  // (starts x starts), (starts x free)
+  Eigen::VectorXd s;       // (starts)
+  Eigen::MatrixXd J;       // (rows x starts + free) whitened sensitivities
 };
 
 struct Normal {
@@ -187,8 +187,8 @@ double lower_bound(const Coefficient& c) {
 }
 
 // Starts eliminated: the information on the free coefficients and their gradient.
-void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd& g,
-            std::vector<Eigen::MatrixXd>& back, std::vector<Eigen::VectorXd>& back_r) {
+void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd& g, std::vector<Eigen::MatrixXd>& back,
+            std::vector<Eigen::VectorXd>& back_r) {
   h = n.gg;
   g = n.g;
   back.clear();
@@ -298,7 +298,8 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
       const Coefficient& k = p.machine->coefficients[c];
       const double low = lower_bound(k);
       double v = f.values[c] + step[i];
-      if (k.probe > 0.0 && f.values[c] > 0.0) v = std::max(0.01 * k.probe, std::clamp(v, f.values[c] / 4.0, f.values[c] * 4.0));
+      if (k.probe > 0.0 && f.values[c] > 0.0)
+        v = std::max(0.01 * k.probe, std::clamp(v, f.values[c] / 4.0, f.values[c] * 4.0));
       if (v < low) v = f.values[c] > low ? std::max(low, k.shifts_time ? low : 0.1 * f.values[c]) : low;
       if (k.shifts_time && p.data->sections > 0) v = std::min(v, 0.25 * p.machine->cycle_period);
       step[i] = v - f.values[c];
@@ -379,7 +380,8 @@ std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>&
   return r;
 }
 
-Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates) {
+Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                      const std::vector<int>& candidates) {
   const Data& data = *p.data;
   Signatures out;
   out.nuisance = f.free;
@@ -388,7 +390,8 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
   }
   std::vector<int> all = out.nuisance, secants;
   for (const int c : out.candidates) {
-    if (p.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0 && f.values[static_cast<std::size_t>(c)] == 0.0) {
+    if (p.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0 &&
+        f.values[static_cast<std::size_t>(c)] == 0.0) {
       secants.push_back(c);
     }
     all.push_back(c);

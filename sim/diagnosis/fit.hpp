@@ -53,14 +53,15 @@ std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>&
 
 // Sensitivities of the whitened, start-eliminated data at a fit.
 struct Signatures {
-  std::vector<int> nuisance;    // coefficients refitted with their priors
-  std::vector<int> candidates;  // the others asked for
-  Eigen::MatrixXd N, C;         // (rows x nuisance), (rows x candidates), starts projected out
-  Eigen::VectorXd r;            // (rows) whitened residual
+  std::vector<int> nuisance;         // coefficients refitted with their priors
+  std::vector<int> candidates;       // the others asked for
+  Eigen::MatrixXd N, C;              // (rows x nuisance), (rows x candidates), starts projected out
+  Eigen::VectorXd r;                 // (rows) whitened residual
   std::vector<Eigen::Index> offset;  // first row of each segment
 };
 // The same with a coefficient that was refitted among the candidates.
 Signatures released(const Signatures& s, int coefficient);
-Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates);
+Signatures signatures(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                      const std::vector<int>& candidates);
 
 }  // namespace saltus::diagnosis

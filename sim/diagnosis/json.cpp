@@ -9,19 +9,27 @@ nlohmann::json number(double x) { return std::isfinite(x) ? nlohmann::json(x) : 
 
 nlohmann::json views_json(const std::vector<View>& views) {
   nlohmann::json j = nlohmann::json::array();
-  for (const View& v : views) j.push_back({{"name", v.name}, {"ratio", number(v.ratio)}, {"freedom", v.freedom}, {"p", number(v.p)}});
+  for (const View& v : views)
+    j.push_back({{"name", v.name}, {"ratio", number(v.ratio)}, {"freedom", v.freedom}, {"p", number(v.p)}});
   return j;
 }
 
 nlohmann::json self_paced_json(const Diagnosis& d) {
   using nlohmann::json;
   const SelfPaced& q = d.self_paced;
-  json j{{"stretch_s", q.stretch}, {"spacing_s", q.spacing}, {"stretches", q.stretches}, {"still", q.still}, {"fitted", q.fitted},
-         {"independent", q.independent}, {"free_runs", json::array()}, {"steps", json::array()}, {"explained", json::object()}};
-  for (std::size_t o = 0; o < q.explained.size(); ++o) j["explained"][d.output_names[o]] = static_cast<bool>(q.explained[o]);
+  json j{{"stretch_s", q.stretch},     {"spacing_s", q.spacing}, {"stretches", q.stretches},
+         {"still", q.still},           {"fitted", q.fitted},     {"independent", q.independent},
+         {"free_runs", json::array()}, {"steps", json::array()}, {"explained", json::object()}};
+  for (std::size_t o = 0; o < q.explained.size(); ++o)
+    j["explained"][d.output_names[o]] = static_cast<bool>(q.explained[o]);
   for (const Step& t : q.steps) {
-    j["steps"].push_back({{"effect", t.effect}, {"beside", t.beside}, {"gain", number(t.gain)}, {"error_left", number(t.predicted)},
-                          {"parts", t.parts}, {"better", t.better}, {"taken", t.taken}});
+    j["steps"].push_back({{"effect", t.effect},
+                          {"beside", t.beside},
+                          {"gain", number(t.gain)},
+                          {"error_left", number(t.predicted)},
+                          {"parts", t.parts},
+                          {"better", t.better},
+                          {"taken", t.taken}});
   }
   for (const FreeRun& f : q.runs) {
     for (std::size_t o = 0; o < f.after.size(); ++o) {
@@ -32,14 +40,28 @@ nlohmann::json self_paced_json(const Diagnosis& d) {
       json each = json::array();
       for (std::size_t i = 0; i < f.begin.size(); ++i) {
         const std::size_t ny = f.after.size();
-        each.push_back({{"t", f.begin[i]}, {"before", k * f.each[o][i]}, {"refit", k * f.each[ny + o][i]}, {"after", k * f.each[2 * ny + o][i]}});
+        each.push_back({{"t", f.begin[i]},
+                        {"before", k * f.each[o][i]},
+                        {"refit", k * f.each[ny + o][i]},
+                        {"after", k * f.each[2 * ny + o][i]}});
       }
-      j["free_runs"].push_back({{"data", f.data}, {"horizon_s", f.horizon}, {"output", d.output_names[o]},
-                                {"unit", angle ? "deg" + unit.substr(3) : unit}, {"runs", f.runs}, {"lost", f.lost},
-                                {"before", k * f.before[o]}, {"refit", k * f.refit[o]}, {"after", k * f.after[o]},
-                                {"end_before", k * f.end_before[o]}, {"end_refit", k * f.end_refit[o]}, {"end_after", k * f.end_after[o]},
-                                {"median_before", k * f.median_before[o]}, {"median_refit", k * f.median_refit[o]},
-                                {"median_after", k * f.median_after[o]}, {"noise", k * d.noise[o]}, {"each", each}});
+      j["free_runs"].push_back({{"data", f.data},
+                                {"horizon_s", f.horizon},
+                                {"output", d.output_names[o]},
+                                {"unit", angle ? "deg" + unit.substr(3) : unit},
+                                {"runs", f.runs},
+                                {"lost", f.lost},
+                                {"before", k * f.before[o]},
+                                {"refit", k * f.refit[o]},
+                                {"after", k * f.after[o]},
+                                {"end_before", k * f.end_before[o]},
+                                {"end_refit", k * f.end_refit[o]},
+                                {"end_after", k * f.end_after[o]},
+                                {"median_before", k * f.median_before[o]},
+                                {"median_refit", k * f.median_refit[o]},
+                                {"median_after", k * f.median_after[o]},
+                                {"noise", k * d.noise[o]},
+                                {"each", each}});
     }
   }
   return j;
@@ -55,27 +77,50 @@ nlohmann::json to_json(const Diagnosis& d) {
   j["model"] = d.model;
   j["effects"] = json::array();
   for (const Finding& f : d.effects) {
-    j["effects"].push_back({{"name", f.name}, {"value", f.value}, {"unit", f.unit}, {"ci95", {f.low, f.high}}, {"z", f.z}, {"ties", f.ties}});
+    j["effects"].push_back({{"name", f.name},
+                            {"value", f.value},
+                            {"unit", f.unit},
+                            {"ci95", {f.low, f.high}},
+                            {"z", f.z},
+                            {"ties", f.ties}});
   }
   j["parameters"] = json::array();
   for (const ParameterRow& p : d.parameters) {
-    j["parameters"].push_back({{"name", p.name}, {"unit", p.unit}, {"declared", p.declared}, {"tolerance", p.tolerance},
-                               {"refitted", p.refitted}, {"refitted_sigma", p.refitted_error},
-                               {"with_effect", p.with_effect}, {"with_effect_sigma", p.with_effect_error}});
+    j["parameters"].push_back({{"name", p.name},
+                               {"unit", p.unit},
+                               {"declared", p.declared},
+                               {"tolerance", p.tolerance},
+                               {"refitted", p.refitted},
+                               {"refitted_sigma", p.refitted_error},
+                               {"with_effect", p.with_effect},
+                               {"with_effect_sigma", p.with_effect_error}});
   }
   json rms;
   for (const OutputError& o : d.outputs) {
     rms[o.name] = {{"unit", o.unit}, {"before", o.before}, {"refit", o.refit}, {"after", o.after}, {"noise", o.noise}};
   }
-  j["error"] = {{"before", number(d.all.before)}, {"refit", number(d.all.refit)}, {"after", number(d.all.after)},
-                {"heldout_before", number(d.heldout.before)}, {"heldout_refit", number(d.heldout.refit)},
-                {"heldout_after", number(d.heldout.after)}, {"excess_explained", number(d.excess_explained)},
+  j["error"] = {{"before", number(d.all.before)},
+                {"refit", number(d.all.refit)},
+                {"after", number(d.all.after)},
+                {"heldout_before", number(d.heldout.before)},
+                {"heldout_refit", number(d.heldout.refit)},
+                {"heldout_after", number(d.heldout.after)},
+                {"excess_explained", number(d.excess_explained)},
                 {"excess_explained_declared", number(d.excess_explained_declared)},
-                {"chi2_refit", number(d.chi2_refit)}, {"chi2_after", number(d.chi2_after)}, {"dof", d.expected}, {"rms", rms}};
+                {"chi2_refit", number(d.chi2_refit)},
+                {"chi2_after", number(d.chi2_after)},
+                {"dof", d.expected},
+                {"rms", rms}};
   j["candidates"] = j["detection_limits"] = json::array();
   for (const CandidateRow& c : d.candidates) {
-    j["candidates"].push_back({{"name", c.name}, {"unit", c.unit}, {"z", number(c.z)}, {"value", number(c.value)}, {"bic", number(c.bic)},
-                               {"heldout", number(c.heldout)}, {"kept", number(c.kept)}, {"remark", c.remark}});
+    j["candidates"].push_back({{"name", c.name},
+                               {"unit", c.unit},
+                               {"z", number(c.z)},
+                               {"value", number(c.value)},
+                               {"bic", number(c.bic)},
+                               {"heldout", number(c.heldout)},
+                               {"kept", number(c.kept)},
+                               {"remark", c.remark}});
     if (c.limit > 0.0) j["detection_limits"].push_back({{"name", c.name}, {"value", c.limit}, {"unit", c.unit}});
   }
   j["candidates_tried"] = d.tried;
@@ -85,16 +130,30 @@ nlohmann::json to_json(const Diagnosis& d) {
   j["twins"] = json::array();
   for (const Twin& t : d.twins) j["twins"].push_back({{"names", {t.first, t.second}}, {"cosine", t.cosine}});
   j["where"] = json::object();
-  if (d.where.known) j["where"] = {{"chart", d.where.chart}, {"phase", {d.where.from, d.where.to}}, {"port", d.where.port}};
+  if (d.where.known)
+    j["where"] = {{"chart", d.where.chart}, {"phase", {d.where.from, d.where.to}}, {"port", d.where.port}};
   j["force_profiles"] = json::array();
   for (const Profile& p : d.profiles) {
-    j["force_profiles"].push_back({{"port", p.port}, {"unit", p.unit}, {"phase", p.phase}, {"force", p.force}, {"sigma", p.error}, {"explained", p.explained}});
+    j["force_profiles"].push_back({{"port", p.port},
+                                   {"unit", p.unit},
+                                   {"phase", p.phase},
+                                   {"force", p.force},
+                                   {"sigma", p.error},
+                                   {"explained", p.explained}});
   }
-  j["views"] = {{"declared", views_json(d.views_declared)}, {"refit", views_json(d.views_refit)}, {"after", views_json(d.views_after)}};
+  j["views"] = {{"declared", views_json(d.views_declared)},
+                {"refit", views_json(d.views_refit)},
+                {"after", views_json(d.views_after)}};
   j["noise"] = json::object();
-  for (std::size_t i = 0; i < d.noise.size(); ++i) j["noise"][d.output_names[i]] = {{"value", d.noise[i]}, {"unit", d.output_units[i]}};
-  j["data"] = {{"experiments", d.experiments}, {"repeats", d.repeats}, {"held_out", d.held_out}, {"rows", d.quality.rows},
-               {"missing", d.quality.missing}, {"outliers", d.quality.outliers}, {"filled_inputs", d.quality.filled_inputs}};
+  for (std::size_t i = 0; i < d.noise.size(); ++i)
+    j["noise"][d.output_names[i]] = {{"value", d.noise[i]}, {"unit", d.output_units[i]}};
+  j["data"] = {{"experiments", d.experiments},
+               {"repeats", d.repeats},
+               {"held_out", d.held_out},
+               {"rows", d.quality.rows},
+               {"missing", d.quality.missing},
+               {"outliers", d.quality.outliers},
+               {"filled_inputs", d.quality.filled_inputs}};
   if (d.self_paced.is) j["self_paced"] = self_paced_json(d);
   j["separate"] = d.separate;
   j["story"] = d.story;

@@ -7,8 +7,8 @@
 #include <string>
 #include <vector>
 
-#include "core/trace/course.hpp"
 #include "core/status.hpp"
+#include "core/trace/course.hpp"
 
 namespace saltus::diagnosis {
 
@@ -16,13 +16,13 @@ namespace saltus::diagnosis {
 struct Coefficient {
   std::string name;  // "k", "quadratic_drag@body", "input_delay"
   std::string unit;
-  double nominal = 0.0;    // declared value; of a candidate 0
-  bool candidate = false;  // an effect that may be added
-  int physical = 0;        // +1: only positive values make sense; 0: either sign
-  double probe = 0.0;      // > 0: no derivative at zero; its signature is the secant to this value
-  bool shifts_time = false;  // a delay or a lag: never below zero, of some fraction of a cycle at most
-  std::string profile_of;    // a knot of a force profile at this port; not a cause
-  std::string refines;       // the candidate it is a refinement of, empty where none
+  double nominal = 0.0;       // declared value; of a candidate 0
+  bool candidate = false;     // an effect that may be added
+  int physical = 0;           // +1: only positive values make sense; 0: either sign
+  double probe = 0.0;         // > 0: no derivative at zero; its signature is the secant to this value
+  bool shifts_time = false;   // a delay or a lag: never below zero, of some fraction of a cycle at most
+  std::string profile_of;     // a knot of a force profile at this port; not a cause
+  std::string refines;        // the candidate it is a refinement of, empty where none
   double uncertainty = -1.0;  // [-] standard deviation over the nominal value where nobody says; below zero: the usual
 };
 
@@ -54,7 +54,7 @@ class Machine {
   std::size_t declared = 0;               // how many those are
   std::vector<Channel> inputs, outputs;
   std::vector<std::string> charts;
-  int clock = -1;           // place of "omega", the clock's rate, among the coefficients; -1 without a clock
+  int clock = -1;  // place of "omega", the clock's rate, among the coefficients; -1 without a clock
   bool has_clock = false;
   double cycle_period = 1;  // [s] of the clock at declared parameters; 1 without a clock
 

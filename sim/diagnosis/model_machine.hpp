@@ -5,9 +5,9 @@
 #include <cctype>
 #include <numbers>
 
+#include "../effects/candidates.hpp"
 #include "core/trace/probe.hpp"
 #include "machine.hpp"
-#include "../effects/candidates.hpp"
 
 namespace saltus::diagnosis {
 
@@ -49,7 +49,7 @@ class ModelMachine final : public Machine {
   using P = Probe<M, K>;
 
  public:
-  explicit ModelMachine(const decltype(M{}.model)& nominal) {
+  explicit ModelMachine(const decltype(M{}.model) & nominal) {
     model_.model = nominal;
     name = M::name;
     has_clock = clocked<M>;
@@ -77,7 +77,8 @@ class ModelMachine final : public Machine {
       const bool output = label.substr(0, 6) == "sensor";
       if (channel >= 0 && (output ? M::outputs.size() : M::inputs.size()) > 1) {
         full += '@';
-        full += output ? M::outputs[static_cast<std::size_t>(channel)].name : M::inputs[static_cast<std::size_t>(channel)].name;
+        full += output ? M::outputs[static_cast<std::size_t>(channel)].name
+                       : M::inputs[static_cast<std::size_t>(channel)].name;
       }
       Coefficient& c = add(full, unit, 0.0, true);
       c.shifts_time = unit == "s" && label != "clock_offset";
@@ -103,8 +104,8 @@ class ModelMachine final : public Machine {
     return r;
   }
 
-  Response run(std::span<const double> values, const Course& course, const Start& start,
-               std::span<const int> wanted, bool derivatives) const override {
+  Response run(std::span<const double> values, const Course& course, const Start& start, std::span<const int> wanted,
+               bool derivatives) const override {
     typename P::Values v;
     std::copy_n(values.begin(), v.size(), v.begin());
     P probe(v, wanted);
@@ -117,14 +118,18 @@ class ModelMachine final : public Machine {
     r.rows = (course.t.size() - course.first) * ny;
     r.y.resize(r.rows);
     if (derivatives) r.gradient.resize(r.rows * K);
-    r.status = probe.run(course, at, [&](std::size_t i, const auto& y) {
-      for (std::size_t j = 0; j < ny; ++j) {
-        const std::size_t row = (i - course.first) * ny + j;
-        r.y[row] = y[static_cast<int>(j)].value;
-        if (!derivatives) continue;
-        std::copy_n(y[static_cast<int>(j)].gradient.begin(), K, r.gradient.begin() + static_cast<std::ptrdiff_t>(row * K));
-      }
-    }, derivatives);
+    r.status = probe.run(
+        course, at,
+        [&](std::size_t i, const auto& y) {
+          for (std::size_t j = 0; j < ny; ++j) {
+            const std::size_t row = (i - course.first) * ny + j;
+            r.y[row] = y[static_cast<int>(j)].value;
+            if (!derivatives) continue;
+            std::copy_n(y[static_cast<int>(j)].gradient.begin(), K,
+                        r.gradient.begin() + static_cast<std::ptrdiff_t>(row * K));
+          }
+        },
+        derivatives);
     r.events = probe.events();
     r.end = pack(probe.at());
     return r;

@@ -86,7 +86,8 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
     }
     d.profiles.push_back(std::move(q));
   }
-  std::sort(d.profiles.begin(), d.profiles.end(), [](const Profile& a, const Profile& b) { return a.explained > b.explained; });
+  std::sort(d.profiles.begin(), d.profiles.end(),
+            [](const Profile& a, const Profile& b) { return a.explained > b.explained; });
   if (d.profiles.empty() || d.verdict == Verdict::no_discrepancy || d.verdict == Verdict::parameters_only) return;
   // The longest run of knots around the largest force that all have its sign and stand out.
   const Profile& q = d.profiles.front();
@@ -96,7 +97,8 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
     if (std::abs(q.force[i]) * q.error[peak] > std::abs(q.force[peak]) * q.error[i]) peak = i;
   }
   const auto stands = [&](std::size_t i) {
-    return q.force[i] * q.force[peak] > 0.0 && std::abs(q.force[i]) > 3.0 * q.error[i] && std::abs(q.force[i]) > 0.3 * std::abs(q.force[peak]);
+    return q.force[i] * q.force[peak] > 0.0 && std::abs(q.force[i]) > 3.0 * q.error[i] &&
+           std::abs(q.force[i]) > 0.3 * std::abs(q.force[peak]);
   };
   std::size_t left = peak, right = peak;
   while ((left + n - 1) % n != right && stands((left + n - 1) % n)) left = (left + n - 1) % n;
@@ -105,7 +107,8 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
   d.where.port = q.port;
   d.where.from = std::fmod(q.phase[left] + 1.0 - 0.5 / static_cast<double>(n), 1.0);
   d.where.to = std::fmod(q.phase[right] + 0.5 / static_cast<double>(n), 1.0);
-  if (!d.charts.empty()) d.where.chart = d.charts[static_cast<std::size_t>(q.phase[peak] * static_cast<double>(d.charts.size()))];
+  if (!d.charts.empty())
+    d.where.chart = d.charts[static_cast<std::size_t>(q.phase[peak] * static_cast<double>(d.charts.size()))];
 }
 
 void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& declared, const Fit& refit,
@@ -131,7 +134,10 @@ void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, cons
     }
     for (Eigen::Index i = 0; i < width; ++i) {
       MeanCycle& c = d.mean_cycle[static_cast<std::size_t>(i % ny)];
-      (k == 0 ? c.before : k == 1 ? c.refit : c.after).push_back(sum[i] / std::sqrt(std::max(1.0, n[i])) / data.noise[i % ny]);
+      (k == 0   ? c.before
+       : k == 1 ? c.refit
+                : c.after)
+          .push_back(sum[i] / std::sqrt(std::max(1.0, n[i])) / data.noise[i % ny]);
     }
   }
   if (data.period_cycles < 2 || data.repeats < 2 || p.machine->inputs.empty()) return;
@@ -151,10 +157,12 @@ void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, cons
     const auto L = static_cast<long>(s.y.size() / ny);
     const auto nu = static_cast<Eigen::Index>(p.machine->inputs.size());
     Eigen::VectorXd u(L * nu);
-    for (Eigen::Index i = 0; i < u.size(); ++i) u[i] = s.u[s.first * static_cast<std::size_t>(nu) + static_cast<std::size_t>(i)];
+    for (Eigen::Index i = 0; i < u.size(); ++i)
+      u[i] = s.u[s.first * static_cast<std::size_t>(nu) + static_cast<std::size_t>(i)];
     Eigen::VectorXd series[4] = {s.y, model[0][j], model[1][j], model[2][j]};
     for (int k = 0; k < 4; ++k) {
-      const Eigen::VectorXd base = quiet > 0.0 ? Eigen::VectorXd(rest[static_cast<std::size_t>(k)] / quiet) : cycle_mean(data, series[k]);
+      const Eigen::VectorXd base =
+          quiet > 0.0 ? Eigen::VectorXd(rest[static_cast<std::size_t>(k)] / quiet) : cycle_mean(data, series[k]);
       for (Eigen::Index i = 0; i < series[k].size(); ++i) series[k][i] -= base[i % width];
     }
     for (Eigen::Index i = 0; i < s.y.size(); ++i) {
@@ -184,11 +192,12 @@ void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, cons
   }
 }
 
-std::string separating_experiment(const Diagnosis&, const Problem& p, const std::vector<int>& segments, const Search& search,
-                                  const Trial& chosen) {
+std::string separating_experiment(const Diagnosis&, const Problem& p, const std::vector<int>& segments,
+                                  const Search& search, const Trial& chosen) {
   const Trial* rival = nullptr;
   for (const auto& [set, t] : search.pool()) {
-    if (set == chosen.effects || std::includes(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end())) continue;
+    if (set == chosen.effects || std::includes(set.begin(), set.end(), chosen.effects.begin(), chosen.effects.end()))
+      continue;
     if (rival == nullptr || t.bic < rival->bic) rival = &t;
   }
   const Data& data = *p.data;
@@ -209,9 +218,11 @@ std::string separating_experiment(const Diagnosis&, const Problem& p, const std:
       double power = 0.0;
       const auto nu = static_cast<Eigen::Index>(p.machine->inputs.size());
       Eigen::VectorXd u(diff.size() / ny * nu);
-      for (Eigen::Index i = 0; i < u.size(); ++i) u[i] = s.u[s.first * static_cast<std::size_t>(nu) + static_cast<std::size_t>(i)];
+      for (Eigen::Index i = 0; i < u.size(); ++i)
+        u[i] = s.u[s.first * static_cast<std::size_t>(nu) + static_cast<std::size_t>(i)];
       for (Eigen::Index o = 0; o < ny; ++o) {
-        for (int m = -1; m <= 1; ++m) power += std::norm(line(diff, ny, o, q + static_cast<long>(m) * data.period_cycles));
+        for (int m = -1; m <= 1; ++m)
+          power += std::norm(line(diff, ny, o, q + static_cast<long>(m) * data.period_cycles));
       }
       power /= std::max(1e-300, std::norm(line(u, nu, 0, q)));
       if (power > best) {
@@ -227,14 +238,16 @@ std::string separating_experiment(const Diagnosis&, const Problem& p, const std:
   char text[400];
   const double factor = std::sqrt(25.0 / std::max(1e-9, total));
   if (quiet > 0.5 * total || best_f == 0.0) {
-    std::snprintf(text, sizeof text,
-                  "To tell it from %s: about %.0f times as many repeats of the undisturbed cycle, or sections placed closer.",
-                  names.c_str(), std::max(2.0, std::ceil(factor * factor)));
+    std::snprintf(
+        text, sizeof text,
+        "To tell it from %s: about %.0f times as many repeats of the undisturbed cycle, or sections placed closer.",
+        names.c_str(), std::max(2.0, std::ceil(factor * factor)));
   } else {
-    std::snprintf(text, sizeof text,
-                  "To tell it from %s: put the stimulus near %.2f cycles per cycle, with %.1f times the amplitude or %.0f "
-                  "times as many repeats (the two now differ by %.1f standard deviations).",
-                  names.c_str(), best_f, std::max(1.2, factor), std::max(2.0, std::ceil(factor * factor)), std::sqrt(total));
+    std::snprintf(
+        text, sizeof text,
+        "To tell it from %s: put the stimulus near %.2f cycles per cycle, with %.1f times the amplitude or %.0f "
+        "times as many repeats (the two now differ by %.1f standard deviations).",
+        names.c_str(), best_f, std::max(1.2, factor), std::max(2.0, std::ceil(factor * factor)), std::sqrt(total));
   }
   return text;
 }

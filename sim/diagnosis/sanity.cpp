@@ -39,7 +39,8 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
   if (data.sections == 0) return;
   const auto N = static_cast<std::size_t>(data.sections);
   // The mean cycle, measured and of the declared model.
-  std::vector<std::vector<double>> measured(ny, std::vector<double>(N, 0.0)), model = measured, weight = measured, runs = measured;
+  std::vector<std::vector<double>> measured(ny, std::vector<double>(N, 0.0)), model = measured, weight = measured,
+                                                                              runs = measured;
   for (const Segment& s : data.segments) {
     std::vector<double> values;
     for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
@@ -67,7 +68,8 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
     }
   }
   if (runs[0][0] == 0.0) {
-    throw RecordError(record, "the declared model, driven as recorded, leaves its charts: the stimulus is too large for it",
+    throw RecordError(record,
+                      "the declared model, driven as recorded, leaves its charts: the stimulus is too large for it",
                       "record with a smaller amplitude, or correct the model");
   }
   for (std::size_t j = 0; j < ny; ++j) {
@@ -75,9 +77,10 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
       if (k == j) continue;
       const double own = correlation(measured[j], model[j]), other = correlation(measured[j], model[k]);
       if (own < 0.7 && other > 0.95 && correlation(measured[k], model[j]) > 0.95) {
-        throw RecordError(record, "column " + m.outputs[j].name + " moves like the model's " + m.outputs[k].name +
-                                      " and the other way round",
-                          "swap the two columns, or their names in the header");
+        throw RecordError(
+            record,
+            "column " + m.outputs[j].name + " moves like the model's " + m.outputs[k].name + " and the other way round",
+            "swap the two columns, or their names in the header");
       }
     }
   }
@@ -86,10 +89,11 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
     const double ratio = a.deviation / std::max(1e-300, b.deviation);
     if (ratio > 20.0 || ratio < 0.05) {
       const double power = std::pow(10.0, std::round(std::log10(ratio)));
-      throw RecordError(record, m.outputs[j].name + " swings " + text(ratio) + " times as far as the declared model says",
-                        std::abs(std::log10(ratio / power)) < 0.15
-                            ? "it looks like another unit: multiply the column by " + text(1.0 / power) + " to have it in " + m.outputs[j].unit
-                            : "check its unit, and that this is the right model");
+      throw RecordError(
+          record, m.outputs[j].name + " swings " + text(ratio) + " times as far as the declared model says",
+          std::abs(std::log10(ratio / power)) < 0.15 ? "it looks like another unit: multiply the column by " +
+                                                           text(1.0 / power) + " to have it in " + m.outputs[j].unit
+                                                     : "check its unit, and that this is the right model");
     }
   }
   double here = 0.0, best = 0.0;
@@ -105,12 +109,14 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
   }
   if (at != 0 && best > 0.98 && best - here > 0.01) {
     const long sections = at > N / 2 ? static_cast<long>(at) - static_cast<long>(N) : static_cast<long>(at);
-    throw RecordError(record, "its clock is shifted: the motion fits the model's when moved by " + std::to_string(sections) + " of " +
-                                  std::to_string(N) + " sections",
+    throw RecordError(record,
+                      "its clock is shifted: the motion fits the model's when moved by " + std::to_string(sections) +
+                          " of " + std::to_string(N) + " sections",
                       "record section 0 at phase 0 of the clock, or renumber the sections");
   }
   if (here < 0.6) {
-    throw RecordError(record, "its motion has little in common with the declared model's (correlation " + text(here) + ")",
+    throw RecordError(record,
+                      "its motion has little in common with the declared model's (correlation " + text(here) + ")",
                       "check --model and the columns");
   }
 }

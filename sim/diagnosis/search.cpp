@@ -290,7 +290,8 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
     const Evidence v = among(weigh(p_, segments_, f, released(signatures_at(best_trial.fit), e)), candidates_);
     const auto i = v.find(e);
     if (i < 0 || !(v.error[i] > 0.0)) continue;
-    const double value = best_trial.fit.values[static_cast<std::size_t>(e)] - p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+    const double value = best_trial.fit.values[static_cast<std::size_t>(e)] -
+                         p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
     const double z2 = value * value / (v.error[i] * v.error[i]);
     struct Other {
       int c;

@@ -22,7 +22,7 @@ struct Trial {
 struct Gate {
   std::vector<View> views;
   Evidence evidence;
-  int worst = -1;         // candidate of the largest significant score
+  int worst = -1;  // candidate of the largest significant score
   double worst_z = 0.0;
   bool views_pass = true, scores_pass = true;
   bool passes() const { return views_pass && scores_pass; }

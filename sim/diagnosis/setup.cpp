@@ -11,7 +11,8 @@ void guess_starts(const Problem& p, Data& data, const std::string& record) {
   for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
   const auto orbit = m.cycle(values, 60, data.sections);
   if (orbit.empty()) {
-    throw RecordError(record, "the declared model does not keep going: it leaves its charts or diverges before it settles",
+    throw RecordError(record,
+                      "the declared model does not keep going: it leaves its charts or diverges before it settles",
                       "check --set and the model");
   }
   for (Segment& s : data.segments) {

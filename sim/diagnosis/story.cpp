@@ -1,8 +1,8 @@
 #include "story.hpp"
 
 #include <algorithm>
-#include <cstdarg>
 #include <cmath>
+#include <cstdarg>
 #include <cstdio>
 
 namespace saltus::diagnosis {
@@ -22,43 +22,59 @@ std::string format(const char* pattern, ...) {
 
 void tell(Diagnosis& d) {
   auto& s = d.story;
-  s.push_back(format("%s against %s: %d experiments, %d repeats, noise %s.", d.record.c_str(), d.model.c_str(), d.experiments, d.repeats,
+  s.push_back(format("%s against %s: %d experiments, %d repeats, noise %s.", d.record.c_str(), d.model.c_str(),
+                     d.experiments, d.repeats,
                      [&] {
                        std::string t;
                        for (std::size_t j = 0; j < d.noise.size(); ++j) {
-                         t += format("%s%s %.3g %s", j > 0 ? ", " : "", d.output_names[j].c_str(), d.noise[j], d.output_units[j].c_str());
+                         t += format("%s%s %.3g %s", j > 0 ? ", " : "", d.output_names[j].c_str(), d.noise[j],
+                                     d.output_units[j].c_str());
                        }
                        return t;
                      }()
                          .c_str()));
   const double sigmas = d.expected > 0.0 ? (d.chi2_refit - d.expected) / std::sqrt(2.0 * d.expected) : 0.0;
-  s.push_back(format("The declared model misses by %.3g times the noise; with its parameters refitted within tolerance, %.4g (%+.1f sigma).",
-                     d.all.before, d.all.refit, sigmas));
+  s.push_back(
+      format("The declared model misses by %.3g times the noise; with its parameters refitted within tolerance, %.4g "
+             "(%+.1f sigma).",
+             d.all.before, d.all.refit, sigmas));
   switch (d.verdict) {
-    case Verdict::no_discrepancy: s.push_back("Verdict: no discrepancy. The declared model explains the record."); break;
-    case Verdict::parameters_only: s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected."); break;
-    case Verdict::effect_found: s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried)); break;
-    case Verdict::ambiguous: s.push_back("Verdict: ambiguous. Several causes explain the record equally well."); break;
-    case Verdict::unexplained: s.push_back("Verdict: unexplained. Something is missing that none of the candidates is."); break;
+    case Verdict::no_discrepancy:
+      s.push_back("Verdict: no discrepancy. The declared model explains the record.");
+      break;
+    case Verdict::parameters_only:
+      s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected.");
+      break;
+    case Verdict::effect_found:
+      s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried));
+      break;
+    case Verdict::ambiguous:
+      s.push_back("Verdict: ambiguous. Several causes explain the record equally well.");
+      break;
+    case Verdict::unexplained:
+      s.push_back("Verdict: unexplained. Something is missing that none of the candidates is.");
+      break;
   }
   for (const Finding& f : d.effects) {
     std::string tie;
     for (const auto& t : f.ties) tie += (tie.empty() ? "" : ", ") + t;
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s.", f.name.c_str(), f.value, f.unit.c_str(), f.low,
-                       f.high, std::abs(f.z), tie.empty() ? "" : "; could as well be ", tie.c_str()));
+    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s.", f.name.c_str(), f.value,
+                       f.unit.c_str(), f.low, f.high, std::abs(f.z), tie.empty() ? "" : "; could as well be ",
+                       tie.c_str()));
   }
   if (d.verdict == Verdict::parameters_only) {
     std::string t;
     for (const ParameterRow& r : d.parameters) {
       if (r.tolerance > 0.0 && std::abs(r.refitted - r.declared) > 3.0 * r.refitted_error) {
-        t += format("%s%s %.5g -> %.5g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.refitted, r.unit.c_str());
+        t += format("%s%s %.5g -> %.5g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.refitted,
+                    r.unit.c_str());
       }
     }
     if (!t.empty()) s.push_back("  Corrected: " + t + ".");
   }
   if (d.where.known) {
-    s.push_back(format("The missing force is largest at port %s, chart %s, between %.2f and %.2f of the cycle.", d.where.port.c_str(),
-                       d.where.chart.c_str(), d.where.from, d.where.to));
+    s.push_back(format("The missing force is largest at port %s, chart %s, between %.2f and %.2f of the cycle.",
+                       d.where.port.c_str(), d.where.chart.c_str(), d.where.from, d.where.to));
   }
   if (!d.rivals.empty()) {
     std::string n;
@@ -66,15 +82,18 @@ void tell(Diagnosis& d) {
     s.push_back(format("Next best: %s (BIC %+.1f).", n.c_str(), d.rivals.front().bic));
   }
   if (d.verdict == Verdict::unexplained && d.candidates.size() > 0) {
-    s.push_back(format("Closest candidate: %s (score %.1f), which does not leave noise.", d.candidates[0].name.c_str(), d.candidates[0].z));
+    s.push_back(format("Closest candidate: %s (score %.1f), which does not leave noise.", d.candidates[0].name.c_str(),
+                       d.candidates[0].z));
   }
   if (std::isfinite(d.heldout.after)) {
-    s.push_back(format("Error on held-out data, in units of the noise: declared %.4g, refitted %.4g, %s %.4g.", d.heldout.before,
-                       d.heldout.refit, d.effects.empty() ? "final" : "with the effect", d.heldout.after));
+    s.push_back(format("Error on held-out data, in units of the noise: declared %.4g, refitted %.4g, %s %.4g.",
+                       d.heldout.before, d.heldout.refit, d.effects.empty() ? "final" : "with the effect",
+                       d.heldout.after));
   }
   if (!d.effects.empty()) {
-    s.push_back(format("That is %.1f %% of the excess over the noise that refitting alone leaves (%.2f %% of the declared model's).",
-                       100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
+    s.push_back(format(
+        "That is %.1f %% of the excess over the noise that refitting alone leaves (%.2f %% of the declared model's).",
+        100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
   }
   if (!d.separate.empty()) s.push_back(d.separate);
   if (d.verdict == Verdict::no_discrepancy || d.verdict == Verdict::parameters_only) {

@@ -23,7 +23,8 @@ std::vector<double> stimulus(const Campaign& c, Random& random, bool quiet) {
     taken[static_cast<std::size_t>(residue_class(q, c.period))] = true;
     const double a = c.amplitude * (0.67 + 0.66 * random.uniform()), phase = 2.0 * std::numbers::pi * random.uniform();
     for (int n = 0; n < L; ++n) {
-      u[static_cast<std::size_t>(n)] += a * std::cos(2.0 * std::numbers::pi * static_cast<double>(static_cast<long>(q) * n % L) / L + phase);
+      u[static_cast<std::size_t>(n)] +=
+          a * std::cos(2.0 * std::numbers::pi * static_cast<double>(static_cast<long>(q) * n % L) / L + phase);
     }
     ++k;
   }
@@ -32,11 +33,13 @@ std::vector<double> stimulus(const Campaign& c, Random& random, bool quiet) {
 
 }  // namespace
 
-bool values_with(const Machine& m, const std::vector<std::pair<std::string, double>>& changes, std::vector<double>& values) {
+bool values_with(const Machine& m, const std::vector<std::pair<std::string, double>>& changes,
+                 std::vector<double>& values) {
   std::vector<double> v;
   for (const Coefficient& c : m.coefficients) v.push_back(c.nominal);
   for (const auto& change : changes) {
-    const auto it = std::find_if(m.coefficients.begin(), m.coefficients.end(), [&](const Coefficient& c) { return c.name == change.first; });
+    const auto it = std::find_if(m.coefficients.begin(), m.coefficients.end(),
+                                 [&](const Coefficient& c) { return c.name == change.first; });
     if (it == m.coefficients.end()) return false;
     v[static_cast<std::size_t>(it - m.coefficients.begin())] = change.second;
   }
@@ -84,7 +87,8 @@ Record synthesise(const Machine& m, const std::vector<double>& values, const Cam
         r.t.push_back(t[k + static_cast<std::size_t>(lead)]);
         r.cycle.push_back(i / c.sections);
         r.section.push_back(i % c.sections);
-        for (std::size_t j = 0; j < nu; ++j) r.inputs[j].values.push_back(u[(k + static_cast<std::size_t>(lead)) * nu + j]);
+        for (std::size_t j = 0; j < nu; ++j)
+          r.inputs[j].values.push_back(u[(k + static_cast<std::size_t>(lead)) * nu + j]);
       }
       for (std::size_t j = 0; j < ny; ++j) {
         const double sigma = j < c.noise.size() ? c.noise[j] : 0.0;

@@ -1,5 +1,6 @@
-// The hopper with ground and foot that may be other than declared: compliant (a spring and damper under the foot, so that
-// the foot moves while it stands) or elastic (the foot leaves with a part of its impact speed, hop after hop). Both zero: the hopper.
+// The hopper with ground and foot that may be other than declared: compliant (a spring and damper under the foot, so
+// that the foot moves while it stands) or elastic (the foot leaves with a part of its impact speed, hop after hop).
+// Both zero: the hopper.
 #pragma once
 
 #include "../models/hopper.hpp"
@@ -11,7 +12,7 @@ namespace hopper {
 struct Contact : Chart<5>, Clock<2> {};  // Flight's coordinates, the foot in the ground
 struct Strike : Edge<Flight, Contact> {};
 struct Release : Edge<Contact, Flight> {};
-struct Hop : Chart<6>, Clock<2> {};      // Flight's after a bounce, and the speed [m/s] at which the foot left
+struct Hop : Chart<6>, Clock<2> {};  // Flight's after a bounce, and the speed [m/s] at which the foot left
 struct Bounce : Edge<Flight, Hop> {};
 struct Rebound : Edge<Hop, Hop> {};
 struct Settle : Edge<Hop, Stance> {};
@@ -60,12 +61,13 @@ struct HopperOnGround {
 
   bool soft() const noexcept { return value_of(compliance) > 0.0; }
   bool elastic() const noexcept { return value_of(restitution) > 0.0 && !soft(); }
-  S stiffness() const noexcept { return 1.0 / compliance; }                              // [N/m]
-  S damping() const noexcept { return 2.0 * damping_ratio * sqrt(stiffness() * h.m); }   // [N s/m]
+  S stiffness() const noexcept { return 1.0 / compliance; }                                       // [N/m]
+  S damping() const noexcept { return 2.0 * damping_ratio * sqrt(stiffness() * h.m); }            // [N s/m]
   S ground(const Vec<5, S>& x) const noexcept { return -stiffness() * x[3] - damping() * x[4]; }  // [N] on the foot
   // [s] The foot in the ground is stiff.
   double longest_step(Contact) const noexcept {
-    const double fast = std::sqrt(value_of(stiffness()) / value_of(h.m)) * (damping_ratio + std::sqrt(damping_ratio * damping_ratio - 1.0));
+    const double fast = std::sqrt(value_of(stiffness()) / value_of(h.m)) *
+                        (damping_ratio + std::sqrt(damping_ratio * damping_ratio - 1.0));
     return 0.8 / fast;
   }
 
@@ -79,13 +81,21 @@ struct HopperOnGround {
   Vec<6, S> flow(Hop, const Vec<6, S>& x, const U& u) const noexcept {
     return with_memory(h.flow(Flight{}, x.template head<5>(), u), S(0.0));
   }
-  S guard(hopper::Touchdown, const Vec<5, S>& x, const U&) const noexcept { return soft() || elastic() ? S(1.0) : x[3]; }
+  S guard(hopper::Touchdown, const Vec<5, S>& x, const U&) const noexcept {
+    return soft() || elastic() ? S(1.0) : x[3];
+  }
   // A foot that rises out of the ground does not strike it.
-  S guard(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept { return soft() && value_of(x[4]) < 0.0 ? x[3] : S(1.0); }
+  S guard(hopper::Strike, const Vec<5, S>& x, const U&) const noexcept {
+    return soft() && value_of(x[4]) < 0.0 ? x[3] : S(1.0);
+  }
   S guard(hopper::Bounce, const Vec<5, S>& x, const U&) const noexcept { return elastic() ? x[3] : S(1.0); }
   // The speed at which a hop began tells how it ends: a guard that asked for the speed of the moment would jump.
-  S guard(hopper::Rebound, const Vec<6, S>& x, const U&) const noexcept { return value_of(x[5]) > still ? x[3] : S(1.0); }
-  S guard(hopper::Settle, const Vec<6, S>& x, const U&) const noexcept { return value_of(x[5]) > still ? S(1.0) : x[3]; }
+  S guard(hopper::Rebound, const Vec<6, S>& x, const U&) const noexcept {
+    return value_of(x[5]) > still ? x[3] : S(1.0);
+  }
+  S guard(hopper::Settle, const Vec<6, S>& x, const U&) const noexcept {
+    return value_of(x[5]) > still ? S(1.0) : x[3];
+  }
   S guard(hopper::Liftoff e, const Vec<3, S>& x, const U& u) const noexcept { return h.guard(e, x, u); }
   S guard(hopper::Release, const Vec<5, S>& x, const U&) const noexcept { return ground(x); }
   Vec<3, S> reset(hopper::Touchdown e, const Vec<5, S>& x, const U& u) const noexcept { return h.reset(e, x, u); }
@@ -118,9 +128,8 @@ struct HopperOnGround {
     return {f.displacement, f.rate, with_memory(f.per_force, S(0.0))};
   }
   template <class P>
-  requires(!std::is_same_v<P, hopper::Foot>) Motion<S, 3> port(P p, Stance c, const Vec<3, S>& x) const noexcept {
-    return h.port(p, c, x);
-  }
+  requires(!std::is_same_v<P, hopper::Foot>) Motion<S, 3> port(P p, Stance c, const Vec<3, S>& x)
+  const noexcept { return h.port(p, c, x); }
   S reaction(hopper::Leg p, hopper::Liftoff e) const noexcept { return h.reaction(p, e); }
 
   auto start() const { return h.start(); }

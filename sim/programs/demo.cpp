@@ -44,7 +44,8 @@ Record measure() {
   std::vector<double> values;
   if (!diagnosis::values_with(*machine, {{undeclared, drag}}, values)) throw RunError("demo: no such effect");
   std::printf(
-      "\n2. The machine. It looks like the model, but has %s = %g N s^2/m^2, which nobody declared.\n   %d experiments of "
+      "\n2. The machine. It looks like the model, but has %s = %g N s^2/m^2, which nobody declared.\n   %d experiments "
+      "of "
       "%d cycles are measured with 1 mm and 6 mm/s of noise.\n",
       undeclared, drag, campaign.experiments, campaign.settle + campaign.repeats * campaign.period);
   return diagnosis::synthesise(*machine, values, campaign, 1);
@@ -66,14 +67,17 @@ void close_the_loop(const Record& record, const std::string& folder) {
   const diagnosis::Diagnosis d = diagnosis::diagnose(record, *model, options);
   for (const std::string& line : d.story) std::printf("   %s\n", line.c_str());
   const std::string page = write_diagnosis_page(d, folder);
-  std::printf("\nThe same again: saltus diagnose %s/record.csv --model hopper --report %s\n", folder.c_str(), folder.c_str());
-  std::printf("Error on held-out data, in units of the noise: before %.4g, after %.4g\n", d.heldout.before, d.heldout.after);
+  std::printf("\nThe same again: saltus diagnose %s/record.csv --model hopper --report %s\n", folder.c_str(),
+              folder.c_str());
+  std::printf("Error on held-out data, in units of the noise: before %.4g, after %.4g\n", d.heldout.before,
+              d.heldout.after);
   std::printf("Report: %s\n", page.c_str());
 }
 
 void run(const std::string& folder) {
   const Hopper<> m;
-  std::printf("A vertical hopper: %g kg on a spring over %g kg, driven by a clock of one turn per second.\n\n", m.M, m.m);
+  std::printf("A vertical hopper: %g kg on a spring over %g kg, driven by a clock of one turn per second.\n\n", m.M,
+              m.m);
   identify_model(m, folder);
   Record record = measure();
   write_record(std::filesystem::path(folder) / "record.csv", record);
@@ -86,10 +90,13 @@ void run(const std::string& folder) {
 
 void add_demo(CLI::App& app) {
   auto* command = app.add_subcommand(
-      "demo", "The whole story on an emulated hopper: experiment, identification, diagnosis, report; in under a minute");
+      "demo",
+      "The whole story on an emulated hopper: experiment, identification, diagnosis, report; in under a minute");
   command->footer("Example: saltus demo --pictures saltus-demo");
   auto folder = std::make_shared<std::string>("saltus-demo");
-  command->add_option("--pictures", *folder, "draw, record and report into FOLDER")->type_name("FOLDER")->capture_default_str();
+  command->add_option("--pictures", *folder, "draw, record and report into FOLDER")
+      ->type_name("FOLDER")
+      ->capture_default_str();
   command->callback([folder] { run(*folder); });
 }
 

@@ -225,8 +225,9 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 
 // With --record the machine has been driven already: what would drive it does not apply.
 void check_record_options(const CLI::App& command) {
-  for (const char* option : {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
-                             "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
+  for (const char* option :
+       {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
+        "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
     if (command.count(option) == 0) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");
@@ -286,7 +287,8 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
 Identified identify_hopper(const Hopper<>& m, const ClockPhases& family, const IdentifyOptions& o, const Plan& plan) {
   return identify_rig(m, family, o, plan, nullptr);
 }
-Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o, const Plan& plan) {
+Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o,
+                           const Plan& plan) {
   return identify_rig(m, family, o, plan, nullptr);
 }
 Identified identify_hopper(const Hopper<>& m, const Record& record, const IdentifyOptions& o) {

@@ -8,8 +8,8 @@
 #include "../eigenvalues.hpp"
 #include "../multipliers_from_htf.hpp"
 #include "../report/htf_figures.hpp"
-#include "link.hpp"
 #include "confidence.hpp"
+#include "link.hpp"
 #include "plan_options.hpp"
 #include "sections.hpp"
 
@@ -56,7 +56,8 @@ void print_standard_errors(const Identified& id);
 void write_pictures(const std::string& folder, const std::vector<HtfPanel>& panels, bool quiet = false);
 // The hopper of the paper in this process, or a record of one beside its model; compiled once, for it is dear.
 Identified identify_hopper(const Hopper<>& m, const ClockPhases& family, const IdentifyOptions& o, const Plan& plan);
-Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o, const Plan& plan);
+Identified identify_hopper(const Hopper<>& m, const KinematicPhases& family, const IdentifyOptions& o,
+                           const Plan& plan);
 Identified identify_hopper(const Hopper<>& m, const Record& record, const IdentifyOptions& o);
 // Figs. 3 and 4 of the paper as a table: paper, computed, identified.
 void print_paper_table(const std::vector<Identified>& families);
@@ -100,9 +101,8 @@ template <class M, class Family, class... Play>
 Identified identify_rig(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record,
                         Play&&... given) {
   Progress progress(std::string(M::name) + ", " + title_of(family));
-  const auto campaign =
-      run_campaign(
-          m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
+  const auto campaign = run_campaign(
+      m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
   if (campaign->orbit.status != Status::ok) {
     throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
   }

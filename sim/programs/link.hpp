@@ -1,6 +1,9 @@
 // The far end of `saltus identify --link`: a machine over LCM, or the log of one.
 #pragma once
 
+#include <chrono>
+#include <thread>
+
 #include "../../hal/lcm/logged_run.hpp"
 #include "../../hal/lcm/notice_board.hpp"
 #include "../../hal/paced.hpp"
@@ -194,11 +197,15 @@ class MachineOverLink {
 
   std::string detail(Outcome o) const {
     if (o == Outcome::busy) {
-      for (const auto& n : board_.neighbours()) {
-        if (n.presence.role == Role::experimenter && n.presence.session != session().session() &&
-            n.presence.activity == Activity::running) {
-          return "it is held by " + std::string(n.presence.who.view());
+      // Whoever holds it says so twice a second.
+      for (const std::int64_t begin = steady_ns(); steady_ns() - begin < 2'000'000'000;) {
+        for (const auto& n : board_.neighbours()) {
+          if (n.presence.role == Role::experimenter && n.presence.session != session().session() &&
+              n.presence.activity == Activity::running) {
+            return "it is held by " + std::string(n.presence.who.view());
+          }
         }
+        std::this_thread::sleep_for(std::chrono::milliseconds(50));
       }
       return "it is held by another experimenter";
     }

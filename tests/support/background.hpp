@@ -3,6 +3,7 @@
 
 #include <signal.h>
 
+#include <algorithm>
 #include <chrono>
 #include <thread>
 
@@ -66,10 +67,11 @@ class Background {
   int status_ = -1;
 };
 
-// A short campaign of one experiment pair and more.
+// A short campaign of one experiment pair and more; settling for 20 cycles unless said otherwise.
 inline std::vector<std::string> short_campaign(const std::vector<std::string>& more) {
-  std::vector<std::string> all{"identify", "hopper",    "--period", "8",      "--band", "1.5",     "--settle",
-                               "20",       "--periods", "2",        "--seed", "5",      "--noise", "0.001,0.006"};
+  std::vector<std::string> all{"identify",  "hopper", "--period", "8", "--band",  "1.5",
+                               "--periods", "2",      "--seed",   "5", "--noise", "0.001,0.006"};
+  if (std::find(more.begin(), more.end(), "--settle") == more.end()) all.insert(all.end(), {"--settle", "20"});
   all.insert(all.end(), more.begin(), more.end());
   return all;
 }

@@ -10,9 +10,8 @@ TEST_CASE("The demonstration needs nothing, closes the loop on a machine of its 
   const auto done = folder.run({"demo"});
   REQUIRE(done.status == 0);
   CHECK(done.err.empty());
-  for (const char* words :
-       {"vertical hopper", "620 frequencies", "isochrons", "kinematic", "multipliers of the model",
-        "-0.2489833347 +- 0.6993332518 i", "Verdict: effect found", "quadratic_drag@body = 0.03"}) {
+  for (const char* words : {"vertical hopper", "620 frequencies", "isochrons", "kinematic", "multipliers of the model",
+                            "-0.2489833347 +- 0.6993332518 i", "Verdict: effect found", "quadratic_drag@body = 0.03"}) {
     INFO(words);
     CHECK(done.out.find(words) != done.out.npos);
   }
@@ -20,8 +19,8 @@ TEST_CASE("The demonstration needs nothing, closes the loop on a machine of its 
   double before = 0.0, after = 0.0;
   const auto line = done.out.find("Error on held-out data, in units of the noise: before ");
   REQUIRE(line != done.out.npos);
-  REQUIRE(std::sscanf(done.out.c_str() + line, "Error on held-out data, in units of the noise: before %lf, after %lf", &before,
-                      &after) == 2);
+  REQUIRE(std::sscanf(done.out.c_str() + line, "Error on held-out data, in units of the noise: before %lf, after %lf",
+                      &before, &after) == 2);
   CHECK(before > 1.3);
   CHECK(after < 1.05);
   const std::string last = "Report: saltus-demo/index.html\n";

@@ -21,7 +21,8 @@ Campaign short_campaign() {
   c.noise = {1e-3, 6e-3};
   return c;
 }
-Record made(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed, const Campaign& c = short_campaign()) {
+Record made(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed,
+            const Campaign& c = short_campaign()) {
   const auto m = make_machine("hopper");
   std::vector<double> values;
   REQUIRE(values_with(*m, truth, values));
