@@ -228,7 +228,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   if (first.passes()) {
     bool holds = true;
     for (const View& v : d.views_declared) holds = holds && v.p > 0.1 * options.false_alarm;
-    const double gain = declared.chi2 - refit.cost();
+    const double gain = (declared.chi2 - refit.cost()) / e0.inflation;
     const double k = static_cast<double>(refit.free.size());
     const double p_shift = k > 0.0 ? fisher_tail(gain / k, k, 1e6) : 1.0;
     d.verdict = holds && p_shift > 0.1 * options.false_alarm ? Verdict::no_discrepancy : Verdict::parameters_only;

@@ -27,6 +27,8 @@ struct Evidence {
   Eigen::VectorXd score;                 // information * value for one candidate alone
   std::vector<std::string> imitated_by;  // the nuisance that imitates it, where it is hardly identified
 
+  double inflation = 1.0;  // [-] variance along signatures over that of white noise, from the repeats
+
   Eigen::Index find(int coefficient) const;
   double cosine(Eigen::Index i, Eigen::Index j) const;
   bool usable(Eigen::Index i) const { return identified[i] > 0.1 && error[i] > 0.0; }
