@@ -41,7 +41,7 @@ TEST_CASE("zero rank: the orbit and its derivatives are known in closed form") {
   CHECK((total_derivative(first.leg) - d2).cwiseAbs().maxCoeff() < tolerance);
 }
 
-TEST_CASE("zero rank: DP_1 = 0, but DP_2 has rank 1 and is nilpotent; the paper prints 0 for both") {
+TEST_CASE("zero rank: DP_1 = 0, but DP_2 has rank 1 and is nilpotent, where the paper prints 0 for both") {
   const ZeroRank<> m;
   const auto c = cycle_of(m);
   const auto& d1 = c->analysis.guard[0];
