@@ -112,8 +112,9 @@ Identified identify_rig(const M& m, const Family& family, const IdentifyOptions&
                    number(campaign->decay) + " of a deviation); change --set");
   }
   if (!usable(campaign->id.worst)) {
-    throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign (" +
-                   std::string(name(campaign->id.worst)) + "); lower --amplitude");
+    const Status worst = campaign->id.worst;  // failed: far from it, and no status of the machine says why
+    throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign" +
+                   (worst == Status::failed ? "" : " (" + std::string(name(worst)) + ")") + "; lower --amplitude");
   }
   Identified r;
   r.sections = name_of(family);

@@ -78,9 +78,9 @@ class MachineOverLink {
       Outcome outcome = Outcome::answered;
       const auto observe = [&](std::int64_t n, double input, const auto& y) {
         on_sample(n, input, y);
+        if (steady_ns() - said_ > 500'000'000) say(Activity::running, experiment, n);
         if (n < settle || !estimator.cycle_completed()) return;
         if (estimator.valid()) publish(experiment, n, u, estimator);
-        if (steady_ns() - said_ > 500'000'000) say(Activity::running, experiment, n);
       };
       const auto run = [&](auto& machine) {
         return play_experiment<Ny>(machine, experiment, stimulus, samples, settle, estimator, observe, outcome);

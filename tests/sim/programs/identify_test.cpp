@@ -242,7 +242,7 @@ TEST_CASE("Campaigns that cannot be run say why, and leave nothing") {
   const std::vector<Case> cases{
       {{"--amplitude", "0"}, 2, "--amplitude: give a positive number"},
       {{"--amplitude", "nan"}, 2, "--amplitude: give a positive number"},
-      {{"--amplitude", "1e9"}, 1, "the machine left its cycle during the campaign (escaped); lower --amplitude"},
+      {{"--amplitude", "1e9"}, 1, "the machine left its cycle during the campaign; lower --amplitude"},
       {{"--amplitude", "1e9", "--sections", "both"}, 1, "lower --amplitude"},
       {{"--amplitude", "1e308"}, 1, "lower --amplitude"},
       {{"--amplitude", "1e6", "--period", "8"}, 1, "lower --amplitude"},  // flies away, and breaks no guard
