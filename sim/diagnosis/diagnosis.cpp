@@ -299,7 +299,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     f.name = label(c);
     f.unit = machine.coefficients[static_cast<std::size_t>(c)].unit;
     f.value = best_fit.values[static_cast<std::size_t>(c)];
-    const double sigma = std::sqrt(best_fit.covariance(at, at) * data.colour);
+    const double sigma = std::sqrt(best_fit.covariance(at, at) * std::max(data.colour, e0.inflation));
     f.low = f.value - 1.96 * sigma;
     f.high = f.value + 1.96 * sigma;
     f.z = sigma > 0.0 ? (f.value - machine.coefficients[static_cast<std::size_t>(c)].nominal) / sigma : 0.0;

@@ -172,6 +172,7 @@ Evidence among(const Evidence& e, const std::vector<int>& candidates) {
   r.score = e.score(keep);
   r.information = e.information(keep, keep);
   r.inflation = e.inflation;
+  r.freedom = e.freedom;
   return r;
 }
 
@@ -242,6 +243,7 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
     }
     pooled = used > 0.0 ? std::max(1.0, pooled / used) : 1.0;
     e.inflation = pooled;
+    e.freedom = own + pooled_weight;
     for (Eigen::Index i = 0; i < n; ++i) {
       if (!(e.information(i, i) > 1e-9 * CC(i, i))) continue;
       inflation[i] =

@@ -27,6 +27,7 @@ struct Evidence {
   Eigen::VectorXd score;                 // information * value for one candidate alone
   std::vector<std::string> imitated_by;  // the nuisance that imitates it, where it is hardly identified
 
+  double freedom = 0.0;                  // [-] degrees of freedom of the scatter that gives it, 0 for white noise
   double inflation = 1.0;  // [-] variance along signatures over that of white noise, from the repeats
 
   Eigen::Index find(int coefficient) const;

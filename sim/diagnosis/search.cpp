@@ -35,7 +35,8 @@ Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> can
 }
 
 const Trial& Search::store(Trial t) {
-  t.bic = t.fit.cost() + static_cast<double>(t.effects.size()) * std::log(std::max(2.0, samples_));
+  t.bic = t.fit.cost() / inflation_ +
+          static_cast<double>(t.effects.size()) * std::log(std::max(2.0, samples_ / inflation_));
   auto [it, added] = pool_.try_emplace(t.effects, t);
   if (!added && t.bic < it->second.bic) it->second = std::move(t);
   return it->second;
@@ -57,6 +58,15 @@ bool Search::physical(int coefficient, double value) const {
 void Search::baseline(const Fit& declared) {
   store({{}, fit(p_, segments_, declared, {}), 0.0});
   base_gate_ = gate(base().fit);
+  inflation_ = std::max(1.0, base_gate_.evidence.inflation);
+  if (p_.data->coloured) {  // scores over a scatter that is itself estimated are Student's: Cornish and Fisher
+    const double z = threshold_, freedom = base_gate_.evidence.freedom;
+    threshold_ += (z * z * z + z) / (4.0 * std::max(1.0, freedom));
+    judge_scores(base_gate_);
+  }
+  const Fit plain = base().fit;
+  pool_.clear();
+  store({{}, plain, 0.0});
   // A refinement of another law is a candidate of its own only where the data can tell the two apart.
   const Evidence& e = base_gate_.evidence;
   std::vector<int> kept;
@@ -271,7 +281,7 @@ const Trial& Search::settle() {
     again = false;
     for (const int e : b->effects) {
       const auto it = pool_.find(without(b->effects, e));
-      if (it != pool_.end() && it->second.fit.cost() - b->fit.cost() < threshold_ * threshold_) {
+      if (it != pool_.end() && it->second.fit.cost() - b->fit.cost() < inflation_ * threshold_ * threshold_) {
         b = &it->second;
         again = true;
         break;

@@ -71,6 +71,7 @@ class Search {
   double threshold_ = 4.0;  // of |z|, for all candidates together
   double view_level_ = 1e-3;
   double samples_ = 0.0;
+  double inflation_ = 1.0;  // [-] of a gain in chi^2, where the noise is correlated in time
   Gate base_gate_;
   std::map<std::vector<int>, Trial> pool_;
   // Signatures are most of the work, and asked for more than once at the same fit.
