@@ -180,7 +180,7 @@ void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd
     Eigen::MatrixXd ss = a.ss;
     ss.diagonal() *= 1.0 + damping;
     const Eigen::LDLT<Eigen::MatrixXd> solver(ss);
-    back.push_back(solver.solve(a.sg));
+    back.push_back(a.sg.cols() > 0 ? Eigen::MatrixXd(solver.solve(a.sg)) : a.sg);
     back_r.push_back(solver.solve(a.s));
     h -= a.sg.transpose() * back.back();
     g -= a.sg.transpose() * back_r.back();
@@ -264,7 +264,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
       const Eigen::VectorXd d = a.diagonal().cwiseSqrt().cwiseInverse();
       Eigen::MatrixXd scaled = d.asDiagonal() * a * d.asDiagonal();
       scaled.diagonal().array() += 1e-12;
-      step = d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(d.asDiagonal() * b);
+      if (n_free > 0) step = d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(d.asDiagonal() * b);
       bool again = false;
       for (Eigen::Index i = 0; i < n_free; ++i) {
         const auto c = static_cast<std::size_t>(f.free[static_cast<std::size_t>(i)]);
@@ -345,6 +345,10 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
   const Eigen::VectorXd d = h.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Eigen::MatrixXd scaled = d.asDiagonal() * h * d.asDiagonal();
   scaled.diagonal().array() += 1e-13;
+  if (n_free == 0) {
+    f.covariance.resize(0, 0);
+    return f;
+  }
   f.covariance = d.asDiagonal() * Eigen::LDLT<Eigen::MatrixXd>(scaled).solve(Eigen::MatrixXd(d.asDiagonal()));
   return f;
 }

@@ -82,7 +82,7 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
     }
     const Eigen::LDLT<Eigen::MatrixXd> solver(ss);
     const Eigen::MatrixXd part = G.middleRows(top, n);
-    G.middleRows(top, n) -= S * solver.solve(S.transpose() * part);
+    if (part.cols() > 0) G.middleRows(top, n) -= S * solver.solve(S.transpose() * part);
     out.r.segment(top, n) -= S * solver.solve(S.transpose() * out.r.segment(top, n));
   });
   out.N = G.leftCols(n_nuisance);
