@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 
+#include "../format.hpp"
 #include "core/spectrum/twiddles.hpp"
 #include "core/trace/statistics.hpp"
 #include "pictures.hpp"
@@ -18,11 +18,7 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-std::string text(double x, const char* format = "%.4g") {
-  char s[48];
-  std::snprintf(s, sizeof s, format, x);
-  return s;
-}
+std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
 
 class Clock {
  public:
@@ -37,16 +33,6 @@ class Clock {
   Diagnosis& d_;
   std::chrono::steady_clock::time_point last_ = std::chrono::steady_clock::now();
 };
-
-bool wanted(const std::vector<std::string>& patterns, const std::string& name) {
-  if (patterns.empty()) return true;
-  for (const std::string& p : patterns) {
-    if (p == name) return true;
-    if (!p.empty() && p.back() == '*' && name.compare(0, p.size() - 1, p, 0, p.size() - 1) == 0) return true;
-    if (name.compare(0, p.size() + 1, p + "@") == 0) return true;
-  }
-  return false;
-}
 
 std::string listed(const std::vector<std::string>& names) {
   std::string s;
@@ -96,6 +82,16 @@ Fit predict(const Problem& p, const std::vector<int>& segments, const Fit& f) {
 }
 
 }  // namespace
+
+bool wanted(const std::vector<std::string>& patterns, const std::string& name) {
+  if (patterns.empty()) return true;
+  for (const std::string& p : patterns) {
+    if (p == name) return true;
+    if (!p.empty() && p.back() == '*' && name.compare(0, p.size() - 1, p, 0, p.size() - 1) == 0) return true;
+    if (name.compare(0, p.size() + 1, p + "@") == 0) return true;
+  }
+  return false;
+}
 
 std::string name(Verdict v) {
   switch (v) {
@@ -375,10 +371,6 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
         d.notes.push_back("Held-out data prefer " + listed(names_of(set)) + ".");
         if (d.verdict == Verdict::effect_found) d.verdict = Verdict::ambiguous;
       }
-    }
-    for (const auto& [set, t] : search.pool()) {
-      if (set.size() != 1 || t.bic - search.base().bic > 0.0) continue;
-      if (t.bic > chosen.bic + 400.0 && set != chosen.effects) continue;  // far behind: not worth a prediction
     }
   } else {
     d.heldout = {nan, nan, nan, 1.0};

@@ -30,6 +30,9 @@ struct Options {
   std::function<void(double, const char*)> progress;
 };
 
+// Whether a name is among those asked for: itself, by a beginning that ends in *, or by its law without the port.
+bool wanted(const std::vector<std::string>& patterns, const std::string& name);
+
 struct Finding {
   std::string name, unit;
   double value = 0.0, low = 0.0, high = 0.0;  // estimate and 95 % interval

@@ -2,10 +2,10 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <numeric>
 
+#include "../format.hpp"
 #include "diagnosis.hpp"
 #include "selection.hpp"
 #include "story.hpp"
@@ -18,11 +18,7 @@ constexpr double close = 6.0;            // [-] BIC: no telling
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
 constexpr double noise_like = 1.5;       // [-] of the sensors' noise: nothing is missing
 
-std::string text(double x, const char* format = "%.4g") {
-  char s[48];
-  std::snprintf(s, sizeof s, format, x);
-  return s;
-}
+std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
 
 // What is asked of a record, and what it is split into.
 struct Work {
@@ -40,11 +36,7 @@ bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& to
   const bool effect = c.candidate && c.profile_of.empty() && c.name != "clock_offset";
   // A parameter is a candidate only where it is asked for by name.
   if (exact) return std::find(patterns.begin(), patterns.end(), "parameter:" + c.name) != patterns.end();
-  if (!effect || patterns.empty()) return effect;
-  return std::any_of(patterns.begin(), patterns.end(), [&](const std::string& p) {
-    return p == c.name || c.name.compare(0, p.size() + 1, p + "@") == 0 ||
-           (!p.empty() && p.back() == '*' && c.name.compare(0, p.size() - 1, p, 0, p.size() - 1) == 0);
-  });
+  return effect && wanted(patterns, c.name);
 }
 
 Work lay_out(const Record& record, const Machine& machine, const Options& o, Diagnosis& d) {

@@ -1,22 +1,12 @@
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <numbers>
 
+#include "../format.hpp"
 #include "story.hpp"
 
 namespace saltus::diagnosis {
 namespace {
-
-std::string format(const char* pattern, ...) __attribute__((format(printf, 1, 2)));
-std::string format(const char* pattern, ...) {
-  char s[700];
-  va_list list;
-  va_start(list, pattern);
-  std::vsnprintf(s, sizeof s, pattern, list);
-  va_end(list);
-  return s;
-}
 
 // Angles are told in degrees.
 double told(double x, const std::string& unit) { return unit.substr(0, 3) == "rad" ? x * 180.0 / std::numbers::pi : x; }
@@ -32,23 +22,7 @@ void tell_self_paced(Diagnosis& d) {
              "%d fitted.",
              d.record.c_str(), d.model.c_str(), d.experiments, d.experiments == 1 ? "" : "s", q.stretches, q.stretch,
              q.fitted));
-  switch (d.verdict) {
-    case Verdict::no_discrepancy:
-      s.push_back("Verdict: no discrepancy. The declared model explains the record.");
-      break;
-    case Verdict::parameters_only:
-      s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected.");
-      break;
-    case Verdict::effect_found:
-      s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried));
-      break;
-    case Verdict::ambiguous:
-      s.push_back("Verdict: ambiguous. Several causes explain the record equally well.");
-      break;
-    case Verdict::unexplained:
-      s.push_back("Verdict: unexplained. Something is missing that none of the candidates is.");
-      break;
-  }
+  s.push_back(verdict_sentence(d));
   for (const Finding& f : d.effects) {
     std::string tie;
     for (const auto& t : f.ties) tie += (tie.empty() ? "" : ", ") + t;

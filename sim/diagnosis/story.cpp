@@ -2,23 +2,26 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
-#include <cstdio>
+
+#include "../format.hpp"
 
 namespace saltus::diagnosis {
-namespace {
 
-std::string format(const char* pattern, ...) __attribute__((format(printf, 1, 2)));
-std::string format(const char* pattern, ...) {
-  char s[600];
-  va_list list;
-  va_start(list, pattern);
-  std::vsnprintf(s, sizeof s, pattern, list);
-  va_end(list);
-  return s;
+std::string verdict_sentence(const Diagnosis& d) {
+  switch (d.verdict) {
+    case Verdict::no_discrepancy:
+      return "Verdict: no discrepancy. The declared model explains the record.";
+    case Verdict::parameters_only:
+      return "Verdict: parameters only. The declared model holds once its parameters are corrected.";
+    case Verdict::effect_found:
+      return format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried);
+    case Verdict::ambiguous:
+      return "Verdict: ambiguous. Several causes explain the record equally well.";
+    case Verdict::unexplained:
+      return "Verdict: unexplained. Something is missing that none of the candidates is.";
+  }
+  return {};
 }
-
-}  // namespace
 
 void tell(Diagnosis& d) {
   auto& s = d.story;
@@ -38,23 +41,7 @@ void tell(Diagnosis& d) {
       format("The declared model misses by %.3g times the noise; with its parameters refitted within tolerance, %.4g "
              "(%+.1f sigma).",
              d.all.before, d.all.refit, sigmas));
-  switch (d.verdict) {
-    case Verdict::no_discrepancy:
-      s.push_back("Verdict: no discrepancy. The declared model explains the record.");
-      break;
-    case Verdict::parameters_only:
-      s.push_back("Verdict: parameters only. The declared model holds once its parameters are corrected.");
-      break;
-    case Verdict::effect_found:
-      s.push_back(format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried));
-      break;
-    case Verdict::ambiguous:
-      s.push_back("Verdict: ambiguous. Several causes explain the record equally well.");
-      break;
-    case Verdict::unexplained:
-      s.push_back("Verdict: unexplained. Something is missing that none of the candidates is.");
-      break;
-  }
+  s.push_back(verdict_sentence(d));
   for (const Finding& f : d.effects) {
     std::string tie;
     for (const auto& t : f.ties) tie += (tie.empty() ? "" : ", ") + t;

@@ -5,6 +5,8 @@
 
 namespace saltus::diagnosis {
 
+std::string verdict_sentence(const Diagnosis& d);
+
 void tell(Diagnosis& d);
 
 // Of a record that no clock paces.

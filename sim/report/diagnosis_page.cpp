@@ -2,12 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
 
+#include "../format.hpp"
 #include "plot.hpp"
 #include "self_paced_section.hpp"
 
@@ -16,35 +16,25 @@ namespace {
 
 using namespace diagnosis;
 
-std::string format(const char* pattern, ...) __attribute__((format(printf, 1, 2)));
-std::string format(const char* pattern, ...) {
-  char s[400];
-  va_list list;
-  va_start(list, pattern);
-  std::vsnprintf(s, sizeof s, pattern, list);
-  va_end(list);
-  return s;
-}
-
 std::string escaped(const std::string& text) {
   std::string r;
   for (const char c : text) {
     switch (c) {
-      case '&': r += "&amp;"; break;
-      case '<': r += "&lt;"; break;
-      case '>': r += "&gt;"; break;
-      case '"': r += "&quot;"; break;
-      default: r += c;
+      case '&':
+        r += "&amp;";
+        break;
+      case '<':
+        r += "&lt;";
+        break;
+      case '>':
+        r += "&gt;";
+        break;
+      case '"':
+        r += "&quot;";
+        break;
+      default:
+        r += c;
     }
-  }
-  return r;
-}
-// gnuplot's enhanced text takes an underscore for a subscript.
-std::string plain(const std::string& text) {
-  std::string r;
-  for (const char c : text) {
-    if (c == '_') r += "\\";
-    r += c;
   }
   return r;
 }
@@ -90,7 +80,8 @@ std::string residual_figure(const Diagnosis& d) {
       Curve k;
       k.title = title;
       k.style = style;
-      for (std::size_t i = 0; i < y.size(); ++i) k.points.emplace_back(static_cast<double>(i) / static_cast<double>(y.size()), y[i]);
+      for (std::size_t i = 0; i < y.size(); ++i)
+        k.points.emplace_back(static_cast<double>(i) / static_cast<double>(y.size()), y[i]);
       p.curves.push_back(std::move(k));
     };
     Curve upper{"noise band, 95 %", "lines lc rgb '#999999' dt 2", {{0.0, 1.96}, {1.0, 1.96}}};
@@ -118,8 +109,10 @@ std::string response_figure(const Diagnosis& d) {
       p.title = format("H_{%d}, %s", m, plain(d.output_names[o]).c_str());
       p.x_label = "frequency / cycles per cycle";
       p.y_label = m == -1 ? "magnitude" : "";
-      p.settings = m == -1 ? "set logscale y\nset format y '10^{%L}'\nset key top right" : "set logscale y\nset format y '10^{%L}'\nunset key";
-      Curve measured{"measured, 95 %", "yerrorlines lc rgb '#777777' lw 0.7 pt 7 ps 0.35", {}}, refit{"refitted", "lines lc rgb '#c0392b'", {}},
+      p.settings = m == -1 ? "set logscale y\nset format y '10^{%L}'\nset key top right"
+                           : "set logscale y\nset format y '10^{%L}'\nunset key";
+      Curve measured{"measured, 95 %", "yerrorlines lc rgb '#777777' lw 0.7 pt 7 ps 0.35", {}},
+          refit{"refitted", "lines lc rgb '#c0392b'", {}},
           after{d.effects.empty() ? "final" : "with the effect", "lines lc rgb '#2471a3'", {}};
       measured.style = "points lc rgb '#777777' pt 7 ps 0.35";
       measured.title = "measured";
@@ -145,11 +138,14 @@ std::string response_figure(const Diagnosis& d) {
   figure.height = 300;
   for (int which = 0; which < 2; ++which) {
     Panel p;
-    p.title = which == 0 ? "misfit of H_0, refitted model" : (d.effects.empty() ? "misfit of H_0, final model" : "misfit of H_0, with the effect");
+    p.title = which == 0 ? "misfit of H_0, refitted model"
+                         : (d.effects.empty() ? "misfit of H_0, final model" : "misfit of H_0, with the effect");
     p.x_label = "frequency / cycles per cycle";
     p.y_label = which == 0 ? "|measured - model| / its standard error" : "";
     for (std::size_t o = 0; o < d.output_names.size(); ++o) {
-      Curve c{plain(d.output_names[o]), o == 0 ? "points pt 7 ps 0.5 lc rgb '#2471a3'" : "points pt 6 ps 0.5 lc rgb '#d68910'", {}};
+      Curve c{plain(d.output_names[o]),
+              o == 0 ? "points pt 7 ps 0.5 lc rgb '#2471a3'" : "points pt 6 ps 0.5 lc rgb '#d68910'",
+              {}};
       for (const Response1& r : d.responses) {
         if (r.m != 0 || r.output != o) continue;
         const double* model = which == 0 ? r.refit : r.after;
@@ -157,7 +153,9 @@ std::string response_figure(const Diagnosis& d) {
       }
       p.curves.push_back(std::move(c));
     }
-    p.curves.push_back({"95 % of noise below", "lines dt 2 lc rgb '#999999'", {{0.0, std::sqrt(-std::log(0.05))}, {10.0, std::sqrt(-std::log(0.05))}}});
+    p.curves.push_back({"95 % of noise below",
+                        "lines dt 2 lc rgb '#999999'",
+                        {{0.0, std::sqrt(-std::log(0.05))}, {10.0, std::sqrt(-std::log(0.05))}}});
     double top = 4.0;
     for (const Response1& r : d.responses) {
       if (r.m == 0) top = std::max(top, std::hypot(r.measured[0] - r.refit[0], r.measured[1] - r.refit[1]) / r.sigma);
@@ -194,16 +192,22 @@ std::string profile_figure(const Diagnosis& d) {
 }
 
 std::string self_paced_section(const Diagnosis& d) {
-  std::string h = "<h2>Free runs</h2>\n<p>Each run starts where the record is, is driven as recorded and left alone; what the model then predicts is held "
-                  "against the measurement. Nothing of a run but its first samples was used to predict it.</p>\n" +
-                  free_run_table(d);
+  std::string h =
+      "<h2>Free runs</h2>\n<p>Each run starts where the record is, is driven as recorded and left alone; what the "
+      "model then predicts is held "
+      "against the measurement. Nothing of a run but its first samples was used to predict it.</p>\n" +
+      free_run_table(d);
   for (const Figure& f : free_run_figures(d)) h += drawn(f);
   if (!d.self_paced.steps.empty()) {
-    h += "<h2>How each effect earned its place</h2>\n<p>No model of a real machine is true down to its sensors' noise, so nothing is tested against that. "
+    h += "<h2>How each effect earned its place</h2>\n<p>No model of a real machine is true down to its sensors' noise, "
+         "so nothing is tested against that. "
          "What is left of the measurement is correlated in time: " +
-         format("%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against that, ", d.self_paced.independent,
-                d.threshold * d.threshold) +
-         "and, fitted on part of the data, leaves at most 93 % of the error of predicting the rest.</p>\n" + step_table(d);
+         format(
+             "%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against "
+             "that, ",
+             d.self_paced.independent, d.threshold * d.threshold) +
+         "and, fitted on part of the data, leaves at most 93 % of the error of predicting the rest.</p>\n" +
+         step_table(d);
   }
   return h;
 }
@@ -220,11 +224,16 @@ th{background:#f6f6f6;font-weight:600}th:first-child,td:first-child{text-align:l
 
 const char* words(Verdict v) {
   switch (v) {
-    case Verdict::effect_found: return "Effect found";
-    case Verdict::no_discrepancy: return "No discrepancy";
-    case Verdict::parameters_only: return "Parameters only";
-    case Verdict::ambiguous: return "Ambiguous";
-    case Verdict::unexplained: return "Unexplained";
+    case Verdict::effect_found:
+      return "Effect found";
+    case Verdict::no_discrepancy:
+      return "No discrepancy";
+    case Verdict::parameters_only:
+      return "Parameters only";
+    case Verdict::ambiguous:
+      return "Ambiguous";
+    case Verdict::unexplained:
+      return "Unexplained";
   }
   return "";
 }
@@ -235,54 +244,66 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw std::runtime_error(folder + ": cannot be made; choose a folder that may be written to");
-  std::string h = "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width\">\n<title>" +
-                  escaped(d.model) + ": " + words(d.verdict) + "</title>\n" + style + "</head><body>\n";
-  h += "<h1>What does the model " + escaped(d.model) + " lack?</h1>\n<p class=\"muted\">Record " + escaped(d.record) + "; " +
-       (d.self_paced.is ? format("%d experiment%s in %d stretches, %d candidates tried.", d.experiments, d.experiments == 1 ? "" : "s",
-                                 d.self_paced.stretches, d.tried)
-                        : format("%d experiments, %d repeats, %d candidates tried.", d.experiments, d.repeats, d.tried)) +
+  std::string h =
+      "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" "
+      "content=\"width=device-width\">\n<title>" +
+      escaped(d.model) + ": " + words(d.verdict) + "</title>\n" + style + "</head><body>\n";
+  h += "<h1>What does the model " + escaped(d.model) + " lack?</h1>\n<p class=\"muted\">Record " + escaped(d.record) +
+       "; " +
+       (d.self_paced.is
+            ? format("%d experiment%s in %d stretches, %d candidates tried.", d.experiments,
+                     d.experiments == 1 ? "" : "s", d.self_paced.stretches, d.tried)
+            : format("%d experiments, %d repeats, %d candidates tried.", d.experiments, d.repeats, d.tried)) +
        "</p>\n";
   h += "<div class=\"verdict " + name(d.verdict) + "\"><b>" + words(d.verdict) + "</b><br>\n";
   for (const Finding& f : d.effects) {
-    h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + " " + escaped(f.unit) + "</span><br>95 % between " + number(f.low) +
-         " and " + number(f.high) + ", " + number(std::abs(f.z), "%.0f") + " standard errors";
+    h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + " " + escaped(f.unit) +
+         "</span><br>95 % between " + number(f.low) + " and " + number(f.high) + ", " + number(std::abs(f.z), "%.0f") +
+         " standard errors";
     for (std::size_t i = 0; i < f.ties.size(); ++i) h += (i == 0 ? "; could as well be " : ", ") + escaped(f.ties[i]);
     h += "<br>\n";
   }
   if (d.self_paced.is && !d.self_paced.runs.empty()) h += free_run_headline(d) + "<br>\n";
   if (std::isfinite(d.heldout.after)) {
-    h += "Error on held-out data, in units of the noise: <b>" + number(d.heldout.before) + " &rarr; " + number(d.heldout.refit) + " &rarr; " +
-         number(d.heldout.after) + "</b> (declared, refitted, " + (d.effects.empty() ? "final" : "with the effect") + ")";
+    h += "Error on held-out data, in units of the noise: <b>" + number(d.heldout.before) + " &rarr; " +
+         number(d.heldout.refit) + " &rarr; " + number(d.heldout.after) + "</b> (declared, refitted, " +
+         (d.effects.empty() ? "final" : "with the effect") + ")";
   }
   h += "</div>\n<h2>The story</h2>\n<p>";
   for (const std::string& line : d.story) h += escaped(line) + "<br>\n";
   h += "</p>\n";
 
-  h += "<h2>Error before and after</h2>\n<table><tr><th>normalised error, 1 = noise</th><th>declared</th><th>refitted</th><th>after</th><th>noise floor</th></tr>\n";
+  h += "<h2>Error before and after</h2>\n<table><tr><th>normalised error, 1 = "
+       "noise</th><th>declared</th><th>refitted</th><th>after</th><th>noise floor</th></tr>\n";
   const auto errors = [&](const char* label, const Errors& e) {
-    h += std::string("<tr><td>") + label + "</td><td>" + number(e.before) + "</td><td>" + number(e.refit) + "</td><td>" + number(e.after) +
-         "</td><td>1</td></tr>\n";
+    h += std::string("<tr><td>") + label + "</td><td>" + number(e.before) + "</td><td>" + number(e.refit) +
+         "</td><td>" + number(e.after) + "</td><td>1</td></tr>\n";
   };
   errors("all data", d.all);
   errors("held-out data", d.heldout);
   for (const OutputError& o : d.outputs) {
-    h += "<tr><td>" + escaped(o.name) + ", root mean square [" + escaped(o.unit) + "]</td><td>" + number(o.before) + "</td><td>" + number(o.refit) +
-         "</td><td>" + number(o.after) + "</td><td>" + number(o.noise) + "</td></tr>\n";
+    h += "<tr><td>" + escaped(o.name) + ", root mean square [" + escaped(o.unit) + "]</td><td>" + number(o.before) +
+         "</td><td>" + number(o.refit) + "</td><td>" + number(o.after) + "</td><td>" + number(o.noise) + "</td></tr>\n";
   }
   h += "</table>\n";
   if (!d.held_out.empty()) {
     h += "<p class=\"muted\">Held out: experiment";
     for (std::size_t i = 0; i < d.held_out.size(); ++i) h += (i == 0 ? " " : ", ") + std::to_string(d.held_out[i]);
     if (!d.effects.empty()) {
-      h += format(". There the effect explains %.1f %% of the excess over the noise that refitting leaves, %.2f %% of the declared model's.",
-                  100.0 * d.excess_explained, 100.0 * d.excess_explained_declared);
+      h += format(
+          ". There the effect explains %.1f %% of the excess over the noise that refitting leaves, %.2f %% of the "
+          "declared model's.",
+          100.0 * d.excess_explained, 100.0 * d.excess_explained_declared);
     }
     h += "</p>\n";
   }
-  if (!d.views_after.empty()) h += "<table><tr><th>is anything left?</th><th>declared</th><th>refitted</th><th>after</th><th>p, after</th></tr>\n";
+  if (!d.views_after.empty())
+    h +=
+        "<table><tr><th>is anything left?</th><th>declared</th><th>refitted</th><th>after</th><th>p, after</th></tr>\n";
   for (std::size_t i = 0; i < d.views_after.size() && i < d.views_refit.size() && i < d.views_declared.size(); ++i) {
-    h += "<tr><td>" + escaped(d.views_after[i].name) + ", power over that of the noise</td><td>" + number(d.views_declared[i].ratio) + "</td><td>" +
-         number(d.views_refit[i].ratio) + "</td><td>" + number(d.views_after[i].ratio) + "</td><td>" + number(d.views_after[i].p, "%.2g") + "</td></tr>\n";
+    h += "<tr><td>" + escaped(d.views_after[i].name) + ", power over that of the noise</td><td>" +
+         number(d.views_declared[i].ratio) + "</td><td>" + number(d.views_refit[i].ratio) + "</td><td>" +
+         number(d.views_after[i].ratio) + "</td><td>" + number(d.views_after[i].p, "%.2g") + "</td></tr>\n";
   }
   if (!d.views_after.empty()) h += "</table>\n";
   h += residual_figure(d);
@@ -290,26 +311,33 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
 
   const std::string profile = profile_figure(d);
   if (!profile.empty()) {
-    h += "<h2>Where the force is missing</h2>\n<p>The force at each port, over the cycle, that the refitted model's residual asks for, with its 95 % band.";
+    h += "<h2>Where the force is missing</h2>\n<p>The force at each port, over the cycle, that the refitted model's "
+         "residual asks for, with its 95 % band.";
     if (d.where.known) {
-      h += format(" Largest at <b>%s</b>, chart <b>%s</b>, between %.2f and %.2f of the cycle.", escaped(d.where.port).c_str(),
-                  escaped(d.where.chart).c_str(), d.where.from, d.where.to);
+      h += format(" Largest at <b>%s</b>, chart <b>%s</b>, between %.2f and %.2f of the cycle.",
+                  escaped(d.where.port).c_str(), escaped(d.where.chart).c_str(), d.where.from, d.where.to);
     }
     h += "</p>\n" + profile;
   }
   const std::string response = response_figure(d);
   if (!response.empty()) h += "<h2>Harmonic transfer functions</h2>\n" + response;
 
-  h += "<h2>Candidates</h2>\n<p class=\"muted\">z: score after refitting everything declared; significant beyond " + number(d.threshold, "%.2f") +
-       " (all candidates together, 1 % false alarms). Kept: share of the signature that parameters and starts cannot imitate. BIC: against the "
-       "refitted model, negative is better.</p>\n<table><tr><th>candidate</th><th>z</th><th>estimate</th><th>unit</th><th>BIC</th><th>kept</th>"
+  h += "<h2>Candidates</h2>\n<p class=\"muted\">z: score after refitting everything declared; significant beyond " +
+       number(d.threshold, "%.2f") +
+       " (all candidates together, 1 % false alarms). Kept: share of the signature that parameters and starts cannot "
+       "imitate. BIC: against the "
+       "refitted model, negative is "
+       "better.</p>\n<table><tr><th>candidate</th><th>z</th><th>estimate</th><th>unit</th><th>BIC</th><th>kept</th>"
        "<th>detection limit</th><th></th></tr>\n";
   for (const CandidateRow& c : d.candidates) {
-    const bool chosen = std::any_of(d.effects.begin(), d.effects.end(), [&](const Finding& f) { return f.name == c.name; });
-    h += std::string("<tr") + (chosen ? " class=\"chosen\"" : "") + "><td>" + escaped(c.name) + "</td><td>" + (c.limit > 0.0 ? number(c.z, "%.1f") : "&ndash;") +
-         "</td><td>" + (c.limit > 0.0 ? number(c.value, "%.3g") : "&ndash;") + "</td><td class=\"t\">" + escaped(c.unit) + "</td><td>" + number(c.bic, "%.0f") +
-         "</td><td>" + number(c.kept, "%.3f") + "</td><td>" + (c.limit > 0.0 ? number(c.limit, "%.2g") : "&ndash;") + "</td><td class=\"t\">" +
-         escaped(c.remark) + "</td></tr>\n";
+    const bool chosen =
+        std::any_of(d.effects.begin(), d.effects.end(), [&](const Finding& f) { return f.name == c.name; });
+    h += std::string("<tr") + (chosen ? " class=\"chosen\"" : "") + "><td>" + escaped(c.name) + "</td><td>" +
+         (c.limit > 0.0 ? number(c.z, "%.1f") : "&ndash;") + "</td><td>" +
+         (c.limit > 0.0 ? number(c.value, "%.3g") : "&ndash;") + "</td><td class=\"t\">" + escaped(c.unit) +
+         "</td><td>" + number(c.bic, "%.0f") + "</td><td>" + number(c.kept, "%.3f") + "</td><td>" +
+         (c.limit > 0.0 ? number(c.limit, "%.2g") : "&ndash;") + "</td><td class=\"t\">" + escaped(c.remark) +
+         "</td></tr>\n";
   }
   h += "</table>\n";
   if (!d.twins.empty() || !d.rivals.empty()) {
@@ -321,24 +349,27 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
     }
     h += "</table>\n<table><tr><th>look alike on this record</th><th>cosine of the signatures</th></tr>\n";
     for (const Twin& t : d.twins) {
-      h += "<tr><td>" + escaped(t.first) + " and " + escaped(t.second) + "</td><td>" + number(t.cosine, "%.5f") + "</td></tr>\n";
+      h += "<tr><td>" + escaped(t.first) + " and " + escaped(t.second) + "</td><td>" + number(t.cosine, "%.5f") +
+           "</td></tr>\n";
     }
     h += "</table>\n";
     if (!d.separate.empty()) h += "<p>" + escaped(d.separate) + "</p>\n";
   }
 
-  h += "<h2>Parameters</h2>\n<table><tr><th>parameter</th><th>unit</th><th>declared</th><th>tolerance</th><th>refitted</th><th>&plusmn;</th><th>after</th><th>&plusmn;</th></tr>\n";
+  h += "<h2>Parameters</h2>\n<table><tr><th>parameter</th><th>unit</th><th>declared</th><th>tolerance</"
+       "th><th>refitted</th><th>&plusmn;</th><th>after</th><th>&plusmn;</th></tr>\n";
   for (const ParameterRow& p : d.parameters) {
-    h += "<tr><td>" + escaped(p.name) + "</td><td class=\"t\">" + escaped(p.unit) + "</td><td>" + number(p.declared, "%.6g") + "</td><td>" +
-         (p.tolerance > 0.0 ? number(p.tolerance, "%.2g") : "exact") + "</td><td>" + number(p.refitted, "%.6g") + "</td><td>" + number(p.refitted_error, "%.2g") +
-         "</td><td>" + number(p.with_effect, "%.6g") + "</td><td>" + number(p.with_effect_error, "%.2g") + "</td></tr>\n";
+    h += "<tr><td>" + escaped(p.name) + "</td><td class=\"t\">" + escaped(p.unit) + "</td><td>" +
+         number(p.declared, "%.6g") + "</td><td>" + (p.tolerance > 0.0 ? number(p.tolerance, "%.2g") : "exact") +
+         "</td><td>" + number(p.refitted, "%.6g") + "</td><td>" + number(p.refitted_error, "%.2g") + "</td><td>" +
+         number(p.with_effect, "%.6g") + "</td><td>" + number(p.with_effect_error, "%.2g") + "</td></tr>\n";
   }
   h += "</table>\n<h2>Data and limits</h2>\n<p>";
-  h += format("%zu rows; %zu values missing, %zu left out as outliers, %zu inputs taken from another repeat. ", d.quality.rows, d.quality.missing,
-              d.quality.outliers, d.quality.filled_inputs);
+  h += format("%zu rows; %zu values missing, %zu left out as outliers, %zu inputs taken from another repeat. ",
+              d.quality.rows, d.quality.missing, d.quality.outliers, d.quality.filled_inputs);
   for (std::size_t j = 0; j < d.noise.size(); ++j) {
-    h += "Noise of " + escaped(d.output_names[j]) + ": " + number(d.noise[j], "%.3g") + " " + escaped(d.output_units[j]) +
-         (d.noise_measured ? ", from the repeats. " : ", from the residual. ");
+    h += "Noise of " + escaped(d.output_names[j]) + ": " + number(d.noise[j], "%.3g") + " " +
+         escaped(d.output_units[j]) + (d.noise_measured ? ", from the repeats. " : ", from the residual. ");
   }
   h += "</p>\n<ul>\n";
   for (const std::string& n : d.notes) h += "<li>" + escaped(n) + "</li>\n";

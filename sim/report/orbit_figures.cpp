@@ -16,12 +16,7 @@ std::string style(const char* base, std::size_t colour, const char* more = "") {
   return std::string(base) + " lc rgb '" + colours[colour % std::size(colours)] + "' " + more;
 }
 
-// Text as it stands, for gnuplot would lower what follows an underscore; and a name with its index lowered.
-std::string plain(const std::string& text) {
-  std::string r;
-  for (const char c : text) r += c == '_' ? std::string("\\_") : std::string(1, c);
-  return r;
-}
+// A name with its index lowered.
 std::string indexed(const std::string& name) {
   const auto at = name.find('_');
   if (at == std::string::npos) return name;

@@ -79,6 +79,15 @@ std::string run_gnuplot(std::FILE* script) {
 
 }  // namespace
 
+std::string plain(const std::string& text) {
+  std::string r;
+  for (const char c : text) {
+    if (c == '_') r += "\\";
+    r += c;
+  }
+  return r;
+}
+
 std::string Figure::svg() const {
   const int rows = (static_cast<int>(panels.size()) + columns - 1) / columns;
   const File script(std::tmpfile(), std::fclose);

@@ -7,6 +7,9 @@
 
 namespace saltus {
 
+// gnuplot's enhanced text takes an underscore for a subscript; this is the text as it stands.
+std::string plain(const std::string& text);
+
 // One curve of a panel, in the style gnuplot calls it ("lines", "points pt 7 ps 0.4", ...).
 struct Curve {
   std::string title;  // empty: not in the key

@@ -2,37 +2,20 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <numbers>
+
+#include "../format.hpp"
 
 namespace saltus {
 namespace {
 
 using namespace diagnosis;
 
-std::string format(const char* pattern, ...) __attribute__((format(printf, 1, 2)));
-std::string format(const char* pattern, ...) {
-  char s[400];
-  va_list list;
-  va_start(list, pattern);
-  std::vsnprintf(s, sizeof s, pattern, list);
-  va_end(list);
-  return s;
-}
-
 // Angles are shown in degrees.
 bool angle(const std::string& unit) { return unit.substr(0, 3) == "rad"; }
 double shown(double x, const std::string& unit) { return angle(unit) ? x * 180.0 / std::numbers::pi : x; }
 std::string shown_unit(const std::string& unit) { return angle(unit) ? "deg" + unit.substr(3) : unit; }
-std::string plain(const std::string& text) {
-  std::string r;
-  for (const char c : text) {
-    if (c == '_') r += "\\";
-    r += c;
-  }
-  return r;
-}
 
 }  // namespace
 

@@ -1,0 +1,20 @@
+#include "format.hpp"
+
+#include <cstdarg>
+#include <cstdio>
+
+namespace saltus {
+
+std::string format(const char* pattern, ...) {
+  va_list list, again;
+  va_start(list, pattern);
+  va_copy(again, list);
+  const int length = std::vsnprintf(nullptr, 0, pattern, list);
+  va_end(list);
+  std::string s(length > 0 ? static_cast<std::size_t>(length) : 0, '\0');
+  if (length > 0) std::vsnprintf(s.data(), s.size() + 1, pattern, again);
+  va_end(again);
+  return s;
+}
+
+}  // namespace saltus
