@@ -159,7 +159,7 @@ TEST_CASE("Half of the measured periods make the standard errors larger by the r
 }
 
 TEST_CASE("Missing measurements cost no truth, whichever are missing") {
-  for (const std::uint64_t seed : {1, 2, 3}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
     Random random(seed);
     Record r = filtered(measured(), [&](int, int, int) { return random.uniform() > 0.005; });
     for (Channel& c : r.outputs) {
