@@ -8,6 +8,7 @@
 
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/htf.hpp"
+#include "core/trace/drift_watch.hpp"
 #include "eigenvalues.hpp"
 #include "hal/record.hpp"
 #include "identification.hpp"
@@ -24,6 +25,10 @@ struct CampaignOptions {
   int harmonics = 3;          // H_-harmonics ... H_harmonics
   std::vector<double> noise;  // [output unit] standard deviation of each output; empty: none
   std::uint64_t seed = 1;     // of the noise
+  std::vector<double>
+      watch;  // [output unit] noise of each output, for the residual to be held against; empty: not watched
+  double false_alarm = 1e-6;  // [-] probability, a cycle, that the watch cries out though nothing is wrong
+  std::function<void(const Drift&)> on_drift;  // at once, once an experiment
 };
 
 template <class M>
@@ -54,6 +59,14 @@ std::vector<double> cycle_bounds(const Orbit<M, campaign_sections>& orbit, const
     bounds.push_back(moves ? 10.0 * std::sqrt(square) + 8.0 * noise[i] : std::numeric_limits<double>::infinity());
   }
   return bounds;
+}
+
+// The names of a model's charts, in their order.
+template <class M>
+std::vector<std::string> chart_names() {
+  std::vector<std::string> names;
+  [&]<class... Cs>(List<Cs...>) { (names.emplace_back(type_name<Cs>()), ...); }(typename M::Charts{});
+  return names;
 }
 
 // Leaves the first `rows` of a record.
@@ -117,6 +130,28 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     return campaign;
   }
   std::vector<double> stimulus(static_cast<std::size_t>(length));
+  using Watch = DriftWatch<M, Family, campaign_sections>;
+  std::unique_ptr<Watch> watch;
+  if (o.watch.size() == static_cast<std::size_t>(ny)) {
+    watch = std::make_unique<Watch>();
+    typename Watch::Sample band{};
+    std::copy(o.watch.begin(), o.watch.end(), band.begin());
+    Run<M> on_cycle;
+    on_cycle.at = c.orbit.point[0];
+    if (watch->configure(m, base, family, on_cycle, band, o.false_alarm, o.settle) != Status::ok) watch.reset();
+    c.id.watched = watch != nullptr;
+  }
+  const auto drifted = [&](std::size_t experiment) {
+    const auto d = watch->departure();
+    Drift drift;
+    drift.experiment = static_cast<int>(experiment);
+    drift.cycle = d.cycle;
+    drift.z = d.z;
+    drift.phase = static_cast<double>(d.section) / plan.options.sections;
+    if (d.chart >= 0) drift.chart = chart_names<M>()[static_cast<std::size_t>(d.chart)];
+    if (d.output >= 0) drift.output = M::outputs[static_cast<std::size_t>(d.output)].name;
+    return drift;
+  };
   LineNoise line_noise;
   const std::int64_t samples = (o.settle + o.periods * plan.options.period) * plan.options.sections;
   for (std::size_t e = 0; e < plan.experiments.size(); ++e) {
@@ -137,10 +172,19 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
       return campaign;
     }
     const std::size_t rows = record == nullptr ? 0 : record->rows();
-    bool near = true;
+    bool near = true, cried = false;
     const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
       const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
+      if (watch) {
+        if (n == 0) watch->begin();
+        watch->push(Input<M>::Constant(input), y);
+        if (watch->raised() && !cried) {
+          cried = true;
+          c.id.drifts.push_back(drifted(e));
+          if (o.on_drift) o.on_drift(c.id.drifts.back());
+        }
+      }
       if (record == nullptr) return;
       if (n == 0) cut(*record, rows);
       record->experiment.push_back(static_cast<int>(e));

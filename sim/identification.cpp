@@ -1,6 +1,7 @@
 #include "identification.hpp"
 
 #include <algorithm>
+#include <cstdio>
 
 namespace saltus {
 namespace {
@@ -54,6 +55,19 @@ double LineNoise::variance(int output, double frequency, int sections) const {
     freedom += list[i].freedom;
   }
   return freedom > 0.0 ? sum / freedom : std::numeric_limits<double>::quiet_NaN();
+}
+
+std::string Drift::story() const {
+  char text[256];
+  if (output.empty()) {
+    std::snprintf(text, sizeof text, "experiment %d, cycle %lld: the residual scatters more than the noise does",
+                  experiment, static_cast<long long>(cycle));
+  } else {
+    std::snprintf(text, sizeof text,
+                  "experiment %d, cycle %lld: %s is off in %s, at phase %.2f of the cycle (%.1f standard deviations)",
+                  experiment, static_cast<long long>(cycle), output.c_str(), chart.c_str(), phase, z);
+  }
+  return text;
 }
 
 std::vector<HtfEstimate> Identification::select(int m, int output) const {

@@ -118,13 +118,27 @@ class LineNoise {
   std::vector<std::vector<Entry>> entries_;
 };
 
+// The residual against the declared model left its noise band while an experiment ran.
+struct Drift {
+  int experiment = 0;
+  std::int64_t cycle = 0;  // of the experiment
+  std::string chart;       // the model's, at the section that is furthest off
+  double phase = 0.0;      // [cycle] of that section
+  std::string output;      // empty: more scatter everywhere rather than a shift somewhere
+  double z = 0.0;          // [-] standard deviations of the mean residual at that section
+
+  std::string story() const;
+};
+
 // What a set of experiments gave.
 struct Identification {
   int sections = 32, period = 64;
   std::vector<HtfEstimate> htf;
   std::vector<std::string> notes;
-  std::int64_t missing = 0;  // samples
-  std::int64_t samples = 0;  // measured, settling not counted
+  std::vector<Drift> drifts;  // the first of each experiment that had one
+  bool watched = false;       // the residual was held against a noise band at all
+  std::int64_t missing = 0;   // samples
+  std::int64_t samples = 0;   // measured, settling not counted
   Status worst = Status::ok;
 
   // True when repeats told the noise, so that standard errors are known.

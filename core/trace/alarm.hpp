@@ -1,9 +1,9 @@
 // Watches the residual of a running machine, cycle by cycle, and says when and where it leaves its noise band.
 //
 // Two charts run side by side. For every section and output an exponentially weighted mean of the residual in units of
-// its noise (Roberts 1959), which finds a small lasting shift and names the section; and a cumulative sum of the cycle's
-// mean square (Page 1954), which finds more scatter than there should be. Both thresholds follow from one false-alarm
-// probability a cycle. Constant work a sample, nothing allocated.
+// its noise (Roberts 1959), which finds a small lasting shift and names the section; and a cumulative sum of the
+// cycle's mean square (Page 1954), which finds more scatter than there should be. Both thresholds follow from one
+// false-alarm probability a cycle. Constant work a sample, nothing allocated.
 #pragma once
 
 #include <algorithm>
@@ -23,16 +23,18 @@ class DriftAlarm {
 
   struct State {
     bool raised = false;
-    int section = -1;     // where the mean is furthest from zero
+    int section = -1;  // where the mean is furthest from zero
     int output = -1;
-    double z = 0.0;       // [-] how far, in its standard deviations
+    double z = 0.0;        // [-] how far, in its standard deviations
     double scatter = 0.0;  // [-] the cumulative sum over its threshold
   };
 
   // `noise`: standard deviation of each output's residual. `false_alarm`: probability of an alarm in a cycle in which
   // nothing is wrong, at most. `memory`: cycles over which the means forget. failed: a number out of range.
-  [[nodiscard]] Status configure(int sections, const Sample& noise, double false_alarm = 1e-4, double memory = 16.0) noexcept {
-    if (sections < 1 || sections > MaxSections || !(false_alarm > 0.0 && false_alarm < 0.5) || !(memory >= 1.0)) return Status::failed;
+  [[nodiscard]] Status configure(int sections, const Sample& noise, double false_alarm = 1e-4,
+                                 double memory = 16.0) noexcept {
+    if (sections < 1 || sections > MaxSections || !(false_alarm > 0.0 && false_alarm < 0.5) || !(memory >= 1.0))
+      return Status::failed;
     for (const double s : noise) {
       if (!(s > 0.0) || !std::isfinite(s)) return Status::failed;
     }
@@ -81,6 +83,8 @@ class DriftAlarm {
   // As of the last complete cycle. Once raised it stays so until restart().
   const State& state() const noexcept { return state_; }
   std::int64_t cycles() const noexcept { return cycles_; }
+  // What |z| of a section has to exceed.
+  double limit() const noexcept { return limit_; }
 
  private:
   void finish() noexcept {
@@ -98,7 +102,8 @@ class DriftAlarm {
     State now;
     for (int s = 0; s < sections_; ++s) {
       for (int j = 0; j < Outputs; ++j) {
-        const std::size_t k = static_cast<std::size_t>(s) * static_cast<std::size_t>(Outputs) + static_cast<std::size_t>(j);
+        const std::size_t k =
+            static_cast<std::size_t>(s) * static_cast<std::size_t>(Outputs) + static_cast<std::size_t>(j);
         if (!(variance_[k] > 0.0)) continue;
         const double z = mean_[k] / std::sqrt(variance_[k]);
         if (std::abs(z) > std::abs(now.z)) {

@@ -1,6 +1,7 @@
 // saltus identify MODEL: drives a machine, or reads a record of one, and identifies its harmonic transfer functions.
 #include "identify.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
@@ -227,7 +228,7 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 void check_record_options(const CLI::App& command) {
   for (const char* option :
        {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
-        "--seed", "--subsets", "--settle", "--periods", "--noise", "--save"}) {
+        "--seed", "--subsets", "--settle", "--periods", "--noise", "--watch", "--false-alarm", "--save"}) {
     if (command.count(option) == 0) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");
@@ -258,6 +259,14 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
       throw UsageError("--noise " + number(sigma) + ": a standard deviation is a finite number, 0 or above");
     }
   }
+  for (const double sigma : o.campaign.watch) {
+    if (!(sigma > 0.0) || !std::isfinite(sigma)) {
+      throw UsageError("--watch " + number(sigma) + ": the noise of an output is a finite number above 0");
+    }
+  }
+  const bool noisy = std::all_of(o.campaign.noise.begin(), o.campaign.noise.end(), [](double x) { return x > 0.0; });
+  if (untouched("--watch") && o.link.inproc() && noisy) o.campaign.watch = o.campaign.noise;
+  o.campaign.on_drift = [](const Drift& d) { std::fprintf(stderr, "saltus: drift: %s\n", d.story().c_str()); };
   o.campaign.ticks = o.model.ticks;
   o.campaign.seed = o.plan.seed;
   if (untouched("--periods") && !o.campaign.noise.empty()) o.campaign.periods = 4;
@@ -270,6 +279,10 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
       if (!o.campaign.noise.empty() && o.campaign.noise.size() != static_cast<std::size_t>(output_count<M>)) {
         throw UsageError("--noise: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
                          " outputs; give one number for each");
+      }
+      if (!o.campaign.watch.empty() && o.campaign.watch.size() != static_cast<std::size_t>(output_count<M>)) {
+        throw UsageError("--watch: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
+                         " outputs; give the noise of each");
       }
       if (o.record.empty()) {
         run_rig(m, o, quiet);
@@ -344,6 +357,17 @@ void add_identify(CLI::App& app) {
       ->add_option("--noise", o->campaign.noise,
                    "standard deviation of each output of the emulated machine, in its unit")
       ->delimiter(',');
+  command
+      ->add_option(
+          "--watch", o->campaign.watch,
+          "hold the residual against the model, cycle by cycle, against this noise of each output, in its unit, "
+          "and cry out where and when it leaves it (default: the noise of --noise)")
+      ->delimiter(',');
+  command
+      ->add_option("--false-alarm", o->campaign.false_alarm,
+                   "how likely the watch is to cry out in a cycle for nothing")
+      ->check(CLI::Range(1e-12, 0.4))
+      ->capture_default_str();
   o->confidence.add_to(*command);
   command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
   command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")

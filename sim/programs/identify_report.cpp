@@ -113,6 +113,14 @@ nlohmann::json json_of(const Identified& r) {
                                 {"sigma", r.id.noise_known() ? finite(r.best.sigma[i]) : nullptr}});
   }
   for (const Complex& z : r.model_multipliers) j["model_multipliers"].push_back({{"re", z.real()}, {"im", z.imag()}});
+  if (r.id.watched) {
+    j["drifts"] = nlohmann::json::array();
+    for (const Drift& d : r.id.drifts) {
+      nlohmann::json row{{"experiment", d.experiment}, {"cycle", d.cycle}, {"z", finite(d.z)}};
+      if (!d.output.empty()) row.update({{"output", d.output}, {"chart", d.chart}, {"phase", d.phase}});
+      j["drifts"].push_back(row);
+    }
+  }
   for (const MultiplierFit& f : r.fits) {
     if (f.multipliers.empty()) continue;
     const Complex z = f.multipliers[0];
@@ -151,6 +159,13 @@ nlohmann::json json_of(const Identified& r) {
 
 void print_notes(const Identified& r) {
   for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+  if (!r.id.watched) return;
+  if (r.id.drifts.empty()) {
+    std::printf("  the residual against the model stayed within its noise band\n");
+  } else {
+    std::printf("  the residual against the model left its noise band in %zu experiments; first in %s\n",
+                r.id.drifts.size(), r.id.drifts.front().story().c_str());
+  }
 }
 
 void print_errors(const Identified& r) {

@@ -207,6 +207,22 @@ TEST_CASE("The same seed gives the same bytes, another seed other noise") {
   CHECK(first != run("8"));
 }
 
+TEST_CASE("A machine that is its model stays within the noise that is watched") {
+  const Folder folder;
+  const auto done = folder.run({"identify", "hopper", "--period", "8", "--noise", "0.001,0.006", "--json", "-"});
+  REQUIRE(done.status == 0);
+  CHECK(json::parse(done.out).at("drifts").empty());
+  CHECK(done.err.find("drift") == done.err.npos);
+  // Nothing is watched where there is no noise to watch against; a machine noisier than said is found out.
+  const auto exact = folder.run({"identify", "hopper", "--period", "8", "--json", "-"});
+  CHECK_FALSE(json::parse(exact.out).contains("drifts"));
+  const auto noisier = folder.run({"identify", "hopper", "--period", "8", "--noise", "0.001,0.006", "--watch",
+                                   "0.001,0.005", "--json", "-"});
+  REQUIRE(noisier.status == 0);
+  CHECK_FALSE(json::parse(noisier.out).at("drifts").empty());
+  CHECK(noisier.err.find("saltus: drift: experiment 0, cycle ") != noisier.err.npos);
+}
+
 TEST_CASE("Machines read JSON from standard output whatever else is asked for") {
   const Folder folder;
   const auto done = folder.run({"identify", "hopper", "--period", "8", "--json", "-", "--csv", "x.csv", "--pictures",
@@ -260,6 +276,9 @@ TEST_CASE("Campaigns that cannot be run say why, and leave nothing") {
       {{"--noise", "0.001,-1"}, 2, "--noise -1: a standard deviation is a finite number, 0 or above"},
       {{"--noise", "nan,nan"}, 2, "--noise nan"},
       {{"--noise", "inf,0"}, 2, "--noise inf"},
+      {{"--watch", "0.001"}, 2, "--watch: hopper has 2 outputs; give the noise of each"},
+      {{"--watch", "0.001,0"}, 2, "--watch 0: the noise of an output is a finite number above 0"},
+      {{"--false-alarm", "0"}, 2, "--false-alarm"},
       {{"--noise", "a,b"}, 2, "--noise"},
       {{"--seed", "-3"}, 2, "--seed: -3 is negative"},
       {{"--sections", "round"}, 2, "--sections"},

@@ -74,6 +74,23 @@ TEST_CASE("an experimenter waits for a rig, is refused a foreign model, a held m
   CHECK(silent.err.find("no machine answers") != std::string::npos);
 }
 
+TEST_CASE("what a rig does that the model does not is cried out while the experiment runs, with chart and phase") {
+  SALTUS_OWN_NETWORK();
+  const Folder f;
+  Background rig(f, "rig", short_rig({"--noise", "0.001,0.006", "--effect", "viscous_drag@body=0.1"}));
+  const auto done = f.run(short_campaign({"--link", "udpm://", "--watch", "0.001,0.006", "--json", "a.json"}));
+  INFO(done.err);
+  REQUIRE(done.status == 0);
+  CHECK(done.err.find("saltus: drift: experiment 0, cycle ") != std::string::npos);
+  const auto drifts = nlohmann::json::parse(f.read("a.json")).at("drifts");
+  REQUIRE_FALSE(drifts.empty());
+  const auto& first = drifts[0];
+  CHECK(first.at("experiment") == 0);
+  REQUIRE(first.contains("chart"));
+  const double phase = first.at("phase");
+  CHECK(first.at("chart") == (phase > 0.36 && phase < 0.51 ? "Stance" : "Flight"));
+}
+
 TEST_CASE("a killed rig or experimenter loses no logged data, and a restarted rig lets the experiment begin again") {
   SALTUS_OWN_NETWORK();
   const Folder f;
