@@ -3,6 +3,8 @@
 #include "tests/support/catch.hpp"
 #include "tests/support/network.hpp"
 
+#include <nlohmann/json.hpp>
+
 using namespace saltus::test;
 
 TEST_CASE("in this process, over LCM to another one, and replayed from either log, an experiment gives the same bits") {
