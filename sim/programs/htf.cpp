@@ -44,8 +44,9 @@ void run(const M& m, const Family& family, const Options& o) {
     p.sections = title_of(family);
     for (int k = -o.harmonics; k <= o.harmonics; ++k) p.exact.push_back({k, {}});
   }
-  const int last = static_cast<int>(std::floor(o.band * o.resolution + 1e-9));
-  if (last < 1) throw UsageError("--band, --resolution: no line lies in the band; raise one of them");
+  const double reach = std::floor(o.band * o.resolution + 1e-9);
+  if (!(reach >= 1.0)) throw UsageError("--band, --resolution: no line lies in the band; raise one of them");
+  const int last = static_cast<int>(reach);
   for (int q = 1; q <= last; ++q) {
     const double f = static_cast<double>(q) / o.resolution;
     const auto h = htf(*system, 2.0 * std::numbers::pi * f / sections_per_cycle);

@@ -20,7 +20,7 @@ class Background {
       : out_(folder.path(name + ".out")), err_(folder.path(name + ".err")) {
     child_ = ::fork();
     if (child_ != 0) return;
-    ::alarm(300);
+    ::alarm(540);
     before();
     for (const auto& [file, stream] : {std::pair{out_, STDOUT_FILENO}, std::pair{err_, STDERR_FILENO}}) {
       const int f = ::open(file.c_str(), O_WRONLY | O_CREAT | O_TRUNC, 0600);

@@ -64,7 +64,7 @@ class Folder {
     const std::string captured = (root_ / "out").string(), errors = (root_ / "err").string();
     const pid_t child = ::fork();
     if (child == 0) {
-      ::alarm(300);
+      ::alarm(540);
       if (search != nullptr) ::setenv("PATH", search, 1);
       redirect(out != nullptr ? out : captured.c_str(), STDOUT_FILENO);
       redirect(errors.c_str(), STDERR_FILENO);
