@@ -119,8 +119,8 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   d.record = record.name;
   d.model = machine.name;
   for (const auto& [key, value] : options.set) {
-    for (std::size_t i = 0; i < machine.declared; ++i) {
-      if (machine.coefficients[i].name == key) machine.coefficients[i].nominal = value;
+    for (Coefficient& c : machine.coefficients) {
+      if (c.name == key) c.nominal = value;
     }
   }
   Data data = prepare(record, machine);

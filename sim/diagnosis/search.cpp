@@ -50,13 +50,28 @@ const Trial& Search::best() const {
   return *b;
 }
 
+// Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early.
+void Search::finish_near(double bic) {
+  for (;;) {
+    const double limit = best().bic + bic;
+    const Trial* left = nullptr;
+    for (const auto& [set, t] : pool_) {
+      if (!t.thorough && !(t.bic > limit) && (left == nullptr || t.bic < left->bic)) left = &t;
+    }
+    if (left == nullptr) return;
+    const std::vector<int> set = left->effects;
+    store({set, fit(p_, segments_, left->fit, set), 0.0, true});
+    pool_.at(set).thorough = true;
+  }
+}
+
 bool Search::physical(int coefficient, double value) const {
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
   return c.physical == 0 || value > 0.0;
 }
 
 void Search::baseline(const Fit& declared) {
-  store({{}, fit(p_, segments_, declared, {}), 0.0});
+  store({{}, fit(p_, segments_, declared, {}), 0.0, true});
   base_gate_ = gate(base().fit);
   inflation_ = std::max(1.0, base_gate_.evidence.inflation);
   if (p_.data->coloured) {  // scores over a scatter that is itself estimated are Student's: Cornish and Fisher
@@ -66,7 +81,7 @@ void Search::baseline(const Fit& declared) {
   }
   const Fit plain = base().fit;
   pool_.clear();
-  store({{}, plain, 0.0});
+  store({{}, plain, 0.0, true});
   // A refinement of another law is a candidate of its own only where the data can tell the two apart.
   const Evidence& e = base_gate_.evidence;
   std::vector<int> kept;
@@ -142,7 +157,7 @@ const Trial& Search::explore(const std::vector<int>& from, int added, double est
     guesses = {estimate};
     if (patient) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
   }
-  Trial t{set, start.fit, 0.0};
+  Trial t{set, start.fit, 0.0, false};
   t.fit.chi2 = std::numeric_limits<double>::infinity();
   // Several starts: a few steps each on part of the data, then the best one on all of it.
   std::vector<int> part = segments_;
@@ -182,7 +197,10 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     for (std::size_t i = 0; i < e.candidate.size(); ++i) {
       const auto k = static_cast<Eigen::Index>(i);
       const int c = e.candidate[i];
-      if (!e.usable(k) || !physical(c, e.value[k])) continue;
+      // Where the response is curved the sign of a linear estimate, taken after the parameters imitated the effect,
+      // says nothing about the effect itself.
+      const bool linear = !(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0);
+      if (!e.usable(k) || (linear && !physical(c, e.value[k]))) continue;
       if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
       leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
     }
@@ -199,9 +217,15 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     progress(0.1 + 0.3 * static_cast<double>(i) / static_cast<double>(leads.size()));
   }
   for (std::size_t size = 1; size <= most_effects; ++size) {
-    const Trial& b = best();
+    finish_near(0.0);
+    Trial b = best();
     if (b.effects.size() < size) break;  // nothing larger helped
     if (gate(b.fit).passes() || size == most_effects) break;
+    if (size == 1) {  // a twin of it may be all there is: a second effect would only make up for the difference
+      swap_twins(b);
+      b = best();
+      if (b.effects.size() == 1 && gate(b.fit).passes()) break;
+    }
     // More effects only where these already explain most of what there is.
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
     if (size > 1 && left > (size == 2 ? 0.4 : 0.15) * excess) break;
@@ -245,7 +269,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
         Fit f = base().fit;
         f.values[static_cast<std::size_t>(q.i)] += q.vi;
         f.values[static_cast<std::size_t>(q.j)] += q.vj;
-        store({set, fit(p_, segments_, f, set), 0.0});
+        store({set, fit(p_, segments_, f, set), 0.0, true});
       }
     }
     const double before = best().bic;
@@ -256,6 +280,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     if (!(best().bic < before)) break;
   }
+  finish_near(30.0);
   return settle();
 }
 
@@ -270,7 +295,7 @@ const Trial& Search::settle() {
       if (pool_.count(smaller) == 0) {
         Fit f = pool_.at(set).fit;
         f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
-        store({smaller, fit(p_, segments_, f, smaller), 0.0});
+        store({smaller, fit(p_, segments_, f, smaller), 0.0, true});
       }
     }
     again = best().effects != set;
@@ -325,11 +350,15 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
       // First order is not enough to dismiss a near twin of a large effect.
       if (o.loss > 100.0 && std::abs(o.cosine) < 0.97) continue;
       const std::vector<int> set = with(without(best_trial.effects, e), o.c);
-      if (pool_.count(set) > 0) continue;
+      // A fit that ended far above what the first order promises ended in a valley of its own: once more, from here.
+      if (const auto it = pool_.find(set); it != pool_.end()) {
+        if (it->second.bic < best_trial.bic + 2.0 * o.loss / inflation_ + 10.0 || retried_.count(set) > 0) continue;
+        retried_.insert(set);
+      }
       Fit g = best_trial.fit;
       g.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       g.values[static_cast<std::size_t>(o.c)] += o.start;
-      store({set, fit(p_, segments_, g, set), 0.0});
+      store({set, fit(p_, segments_, g, set), 0.0, true});
     }
   }
   return swaps;

@@ -4,6 +4,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -16,6 +17,7 @@ struct Trial {
   std::vector<int> effects;  // sorted
   Fit fit;
   double bic = 0.0;
+  bool thorough = false;  // fitted with fresh sensitivities to the end
 };
 
 // Is anything left? Views against the repeats' noise, and the score along every candidate.
@@ -65,6 +67,7 @@ class Search {
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
+  void finish_near(double bic);
 
   const Problem& p_;
   std::vector<int> segments_, candidates_;
@@ -74,6 +77,7 @@ class Search {
   double inflation_ = 1.0;  // [-] of a gain in chi^2, where the noise is correlated in time
   Gate base_gate_;
   std::map<std::vector<int>, Trial> pool_;
+  std::set<std::vector<int>> retried_;  // fitted once more from a twin
   // Signatures are most of the work, and asked for more than once at the same fit.
   struct Known {
     std::vector<int> free;
