@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <limits>
 #include <string>
 #include <utility>
 #include <vector>
@@ -68,7 +69,9 @@ struct CandidateRow {
 
 struct Rival {
   std::vector<std::string> names;
-  double bic = 0.0;  // above the best
+  double bic = 0.0;                                             // against the best; no clock: may be below, where
+  double predicted = std::numeric_limits<double>::quiet_NaN();  // [-] this is above 1: error of predicting parts left
+                                                                // out of the fit, over that of the best
 };
 
 struct Twin {

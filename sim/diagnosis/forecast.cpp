@@ -12,8 +12,12 @@ double median(std::vector<double> v) {
   return v[v.size() / 2];
 }
 
-// The outputs of a run; empty where the model does not finish it.
-std::vector<double> run_free(const Problem& p, const Segment& s, const std::vector<double>& values) {
+constexpr double unpredictable =
+    20.0;  // [-] growth of an error of the start: beyond it a run says little about the model
+
+// The outputs of a run; empty where the model does not finish it. `most`: by how much an error of its start grows.
+std::vector<double> run_free(const Problem& p, const Segment& s, const std::vector<double>& values,
+                             double* most = nullptr) {
   const std::size_t n = s.t.size() - s.first;
   Start start = s.guess;
   std::fill(start.x.begin(), start.x.end(), 0.0);
@@ -26,6 +30,7 @@ std::vector<double> run_free(const Problem& p, const Segment& s, const std::vect
   }
   const Response y = p.machine->values_only(values, s.course(p.h_max), start);
   if (!usable(y.status)) return {};
+  if (most != nullptr) *most = growth(p, s, values, start);
   return y.y;
 }
 
@@ -47,9 +52,14 @@ FreeRun free_runs(const Problem& p, const std::vector<int>& segments, double hor
   std::vector<double> squares(3 * ny, 0.0), late(3 * ny, 0.0), count(ny, 0.0), late_count(ny, 0.0);
   for (const int index : segments) {
     const Segment& s = data.segments[static_cast<std::size_t>(index)];
-    ++f.runs;
     std::vector<double> y[3];
-    for (int k = 0; k < 3; ++k) y[k] = run_free(p, s, *values[k]);
+    double most = 0.0;  // as what was found has it, the most faithful of the three
+    for (int k = 0; k < 3; ++k) y[k] = run_free(p, s, *values[k], k == 2 ? &most : nullptr);
+    if (most > unpredictable) {
+      ++f.unstable;
+      continue;
+    }
+    ++f.runs;
     if (y[0].empty() || y[1].empty() || y[2].empty()) {
       ++f.lost;
       continue;

@@ -9,11 +9,12 @@ namespace saltus::diagnosis {
 
 // Errors of many runs of one length, by output [unit of the output].
 struct FreeRun {
-  std::string data;                                      // what it was run on: "held out", "fitted"
-  double horizon = 0.0;                                  // [s]
-  int runs = 0, lost = 0;                                // made, and of those not finished by one of the models
-  std::vector<double> before, refit, after;              // (outputs) root mean square over the runs
-  std::vector<double> end_before, end_refit, end_after;  // (outputs) the same of the last tenth of each run
+  std::string data;                          // what it was run on: "held out", "fitted"
+  double horizon = 0.0;                      // [s]
+  int runs = 0, lost = 0;                    // made, and of those not finished by one of the models
+  int unstable = 0;                          // not made: there an error of the start grows more than twentyfold
+  std::vector<double> before, refit, after;  // (outputs) root mean square over the runs
+  std::vector<double> end_before, end_refit, end_after;           // (outputs) the same of the last tenth of each run
   std::vector<double> median_before, median_refit, median_after;  // (outputs) of the runs' root mean squares
   std::vector<double> begin;                                      // (runs) [s] of those finished
   std::vector<std::vector<double>> each;                          // (3 x outputs)(runs) declared, refitted, after

@@ -46,6 +46,7 @@ nlohmann::json self_paced_json(const Diagnosis& d) {
                         {"after", k * f.each[2 * ny + o][i]}});
       }
       j["free_runs"].push_back({{"data", f.data},
+                                {"unstable", f.unstable},
                                 {"horizon_s", f.horizon},
                                 {"output", d.output_names[o]},
                                 {"unit", angle ? "deg" + unit.substr(3) : unit},
@@ -126,7 +127,10 @@ nlohmann::json to_json(const Diagnosis& d) {
   j["candidates_tried"] = d.tried;
   j["threshold"] = d.threshold;
   j["rivals"] = json::array();
-  for (const Rival& r : d.rivals) j["rivals"].push_back({{"effects", r.names}, {"bic", r.bic}});
+  for (const Rival& r : d.rivals) {
+    j["rivals"].push_back({{"effects", r.names}, {"bic", r.bic}});
+    if (std::isfinite(r.predicted)) j["rivals"].back()["predicted"] = r.predicted;
+  }
   j["twins"] = json::array();
   for (const Twin& t : d.twins) j["twins"].push_back({{"names", {t.first, t.second}}, {"cosine", t.cosine}});
   j["where"] = json::object();

@@ -12,6 +12,7 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr std::size_t most_effects = 4;
+constexpr double worth_asking = 24.0;   // [-] BIC above the result: what a rival predicts
 constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
 
 std::vector<int> with(std::vector<int> set, int e) {
@@ -184,19 +185,23 @@ Trial1 Selection::examine(const Attempt& more, const Attempt& less, int effect) 
   t.gain = std::min(t.gain, careful);
   const auto& a = left_out(more);
   const auto& b = left_out(less);
-  double sum_a = 0.0, sum_b = 0.0;
+  // Each part counts alike, by its ratio: where the machine is unstable errors are larger by orders.
+  double ratio = 0.0;
   for (std::size_t i = 0; i < a.size(); ++i) {
-    sum_a += a[i];
-    sum_b += b[i];
+    ratio += std::log(std::max(1e-300, a[i]) / std::max(1e-300, b[i])) / static_cast<double>(a.size());
     t.better += a[i] < b[i];
   }
   t.parts = static_cast<int>(a.size());
-  t.predicted = std::sqrt(sum_a / std::max(1e-300, sum_b));
+  t.predicted = std::exp(0.5 * ratio);
   return t;
 }
 
+// The more is found already the more it takes: every further search is one more chance to be misled.
+double Selection::bar(std::size_t beside) const {
+  return threshold_ * threshold_ * (1.0 + 0.25 * static_cast<double>(beside));
+}
 bool Selection::convincing(const Trial1& t) const {
-  return t.gain > threshold_ * threshold_ && t.predicted < enough_better && 2 * t.better > t.parts;
+  return t.gain > bar(t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
 }
 
 const Attempt& Selection::run(const std::function<void(double)>& progress) {
@@ -236,7 +241,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       const int c = order[i].second;
       const Attempt first = pool_.at(with(current.effects, c));
       const Attempt more = attempt(first.effects, first.fit, first.noise);
-      if (cost(current, current) - cost(more, current) < threshold_ * threshold_) break;
+      if (cost(current, current) - cost(more, current) < bar(current.effects.size())) break;
       Trial1 t = examine(more, current, c);
       t.taken = convincing(t);
       account_.push_back(t);
@@ -244,6 +249,8 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       result_ = more.effects;
       added = true;
     }
+    // Two effects may hide each other: neither alone predicts, but each does beside the other.
+    if (!added && !order.empty() && size == 0) added = take_pair(order.front().second);
     if (!added) break;
     reweigh();
     // What the new one makes superfluous goes.
@@ -264,6 +271,37 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     }
   }
   return result();
+}
+
+bool Selection::take_pair(int first) {
+  const Attempt current = pool_.at(result_);
+  const Attempt one = attempt(with(current.effects, first), current.fit, current.noise);
+  const double enough = bar(current.effects.size());
+  if (cost(current, current) - cost(one, current) < enough) return false;
+  const Evidence e = evidence_of(one);
+  int second = -1;
+  double best = 2.0;
+  for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    const int c = e.candidate[i];
+    if (!e.usable(k) || !physical(c, e.value[k]) || has(one.effects, c) || !(std::abs(e.z[k]) > best)) continue;
+    second = c;
+    best = std::abs(e.z[k]);
+  }
+  if (second < 0) return false;
+  const auto started = [&](Fit f, int c, double estimate) {
+    f.values[static_cast<std::size_t>(c)] = p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + estimate;
+    return f;
+  };
+  const Attempt both = attempt(with(one.effects, second), started(one.fit, second, e.value[e.find(second)]), one.noise);
+  const Attempt other = attempt(with(current.effects, second), started(both.fit, first, 0.0), both.noise);
+  if (std::min(cost(one, both), cost(other, both)) - cost(both, both) < bar(one.effects.size())) return false;
+  Trial1 a = examine(both, other, first), b = examine(both, one, second);
+  a.taken = b.taken = convincing(a) && convincing(b);
+  account_.push_back(a);
+  account_.push_back(b);
+  if (a.taken) result_ = both.effects;
+  return a.taken;
 }
 
 const Attempt& Selection::adopt(const Attempt& a) {
@@ -308,7 +346,8 @@ std::vector<Selection::Tie> Selection::ties() {
       g.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       g.values[static_cast<std::size_t>(c)] = p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + start;
       const Attempt& a = attempt(with(without(best.effects, e), c), g, best.noise);
-      r.push_back({e, c, v.cosine(i, j), bic(a, best) - bic(best, best)});
+      const double above = bic(a, best) - bic(best, best);
+      r.push_back({e, c, v.cosine(i, j), above, above < worth_asking ? examine(a, best, c).predicted : std::nan("")});
     }
   }
   return r;

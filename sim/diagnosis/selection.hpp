@@ -50,6 +50,7 @@ class Selection {
   struct Tie {
     int from, to;
     double cosine, above;  // [-] BIC above the result
+    double predicted;      // [-] error of predicting parts left out, over the result's; NaN where far above
   };
   std::vector<Tie> ties();
 
@@ -78,7 +79,10 @@ class Selection {
                          bool brief = false);
   // Sums of squares in units of the sensors' noise, part by part, of what a fit to the other parts predicts.
   const std::vector<double>& left_out(const Attempt& a);
+  // Takes an effect together with what looks best beside it, where each convinces beside the other.
+  bool take_pair(int first);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
+  double bar(std::size_t beside) const;  // [-] least gain of an effect beside so many others
   bool convincing(const Trial1& t) const;
 
   const Problem& p_;

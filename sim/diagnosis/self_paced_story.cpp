@@ -42,14 +42,20 @@ void tell_self_paced(Diagnosis& d) {
   for (const FreeRun& f : q.runs) {
     for (std::size_t j = 0; j < f.after.size(); ++j) {
       const std::string& u = d.output_units[j];
-      s.push_back(
-          format("Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was "
-                 "found; at the end %.3g, %.3g, "
-                 "%.3g; noise %.2g.",
-                 f.horizon, f.data.c_str(), f.runs, f.lost > 0 ? format(", %d not finished", f.lost).c_str() : "",
-                 d.output_names[j].c_str(), told(f.before[j], u), told_unit(u).c_str(), told(f.refit[j], u),
-                 told(f.after[j], u), told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u),
-                 told(d.noise[j], u)));
+      s.push_back(format(
+          "Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was "
+          "found; at the end %.3g, %.3g, "
+          "%.3g; noise %.2g.",
+          f.horizon, f.data.c_str(), f.runs,
+          (f.lost > 0 ? format(", %d not finished", f.lost) : std::string())
+              .append(f.unstable > 0
+                          ? format(", %d more not told for an error of the start grows more than twentyfold there",
+                                   f.unstable)
+                          : std::string())
+              .c_str(),
+          d.output_names[j].c_str(), told(f.before[j], u), told_unit(u).c_str(), told(f.refit[j], u),
+          told(f.after[j], u), told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u),
+          told(d.noise[j], u)));
     }
   }
   if (!d.effects.empty() && !q.runs.empty()) {

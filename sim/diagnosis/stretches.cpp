@@ -103,24 +103,6 @@ std::vector<double> unwrapped(const std::vector<double>& v, const std::vector<in
   return r;
 }
 
-// How much an error of the start has grown, at most, by what it moves in the outputs.
-double growth(const Problem& p, const Segment& s, std::span<const double> values) {
-  const Machine& m = *p.machine;
-  const Response y = m.run(values, s.course(p.h_max), s.guess, {}, true);
-  if (!usable(y.status)) return 1e300;
-  const auto ny = p.data->outputs(), width = static_cast<std::size_t>(m.width());
-  double most = 1.0;
-  for (std::size_t k = 0; k < s.guess.x.size(); ++k) {
-    for (std::size_t j = 0; j < ny; ++j) {
-      const double first = std::abs(y.gradient[j * width + k]);
-      if (first < 0.5) continue;
-      for (std::size_t row = j; row < y.rows; row += ny)
-        most = std::max(most, std::abs(y.gradient[row * width + k]) / first);
-    }
-  }
-  return most;
-}
-
 // Samples `from` to `to` of a stretch.
 Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t inputs, double spacing) {
   Segment r;
@@ -255,6 +237,23 @@ bool start_from(const Problem& p, const Segment& s, std::span<const double> valu
   return true;
 }
 
+double growth(const Problem& p, const Segment& s, std::span<const double> values, const Start& start) {
+  const Machine& m = *p.machine;
+  const Response y = m.run(values, s.course(p.h_max), start, {}, true);
+  if (!usable(y.status)) return 1e300;
+  const auto ny = p.data->outputs(), width = static_cast<std::size_t>(m.width());
+  double most = 1.0;
+  for (std::size_t k = 0; k < start.x.size(); ++k) {
+    for (std::size_t j = 0; j < ny; ++j) {
+      const double first = std::abs(y.gradient[j * width + k]);
+      if (first < 0.5) continue;
+      for (std::size_t row = j; row < y.rows; row += ny)
+        most = std::max(most, std::abs(y.gradient[row * width + k]) / first);
+    }
+  }
+  return most;
+}
+
 void halve_unstable(const Problem& p, Stretches& s, const std::string& record) {
   constexpr double most = 10.0;
   std::vector<double> values;
@@ -265,7 +264,7 @@ void halve_unstable(const Problem& p, Stretches& s, const std::string& record) {
     for (std::size_t k = 0; k < s.data.segments.size(); ++k) {
       const Segment& g = s.data.segments[k];
       const std::size_t n = g.t.size() - g.first;
-      if (n < 4 * fewest_samples || growth(p, g, values) < most) {
+      if (n < 4 * fewest_samples || growth(p, g, values, g.guess) < most) {
         segments.push_back(g);
         origin.push_back(s.origin[k]);
         continue;

@@ -39,6 +39,9 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
 // nearly linear in it. False where the model cannot follow.
 bool start_from(const Problem& p, const Segment& s, std::span<const double> values, std::size_t samples, Start& start);
 
+// How much an error of the start grows within a stretch, at most, by what it moves in the outputs.
+double growth(const Problem& p, const Segment& s, std::span<const double> values, const Start& start);
+
 // Halves, and halves again, the stretches in which a small error of the start grows tenfold: beyond that the end says
 // nothing about the model. The guesses of the new ones are made.
 void halve_unstable(const Problem& p, Stretches& s, const std::string& record);

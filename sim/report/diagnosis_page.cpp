@@ -341,11 +341,18 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   }
   h += "</table>\n";
   if (!d.twins.empty() || !d.rivals.empty()) {
-    h += "<h2>What else it could be</h2>\n<table><tr><th>rival</th><th>BIC above the best</th></tr>\n";
+    h += "<h2>What else it could be</h2>\n";
+    h += d.self_paced.is
+             ? "<p class=\"muted\">Each effect found was exchanged for what looks most like it. BIC below zero: it fits "
+               "the fitted part better than what was found; error above 1: fitted on some parts it predicts the others "
+               "worse.</p>\n<table><tr><th>rival</th><th>BIC, less that of what was found</th><th>error of predicting "
+               "parts not fitted, over that of what was found</th></tr>\n"
+             : "<table><tr><th>rival</th><th>BIC above the best</th></tr>\n";
     for (const Rival& r : d.rivals) {
       std::string n;
       for (const auto& x : r.names) n += (n.empty() ? "" : " + ") + x;
-      h += "<tr><td>" + escaped(n) + "</td><td>" + number(r.bic, "%.1f") + "</td></tr>\n";
+      h += "<tr><td>" + escaped(n) + "</td><td>" + number(r.bic, "%.1f") + "</td>" +
+           (d.self_paced.is ? "<td>" + number(r.predicted, "%.2f") + "</td>" : std::string()) + "</tr>\n";
     }
     h += "</table>\n<table><tr><th>look alike on this record</th><th>cosine of the signatures</th></tr>\n";
     for (const Twin& t : d.twins) {

@@ -104,7 +104,15 @@ std::string free_run_table(const Diagnosis& d) {
                   shown(f.median_after[o], u), shown(d.noise[o], u));
     }
   }
-  return h + "</table>\n";
+  h += "</table>\n";
+  for (const FreeRun& f : d.self_paced.runs) {
+    if (f.unstable == 0) continue;
+    h +=
+        format("<p class=\"muted\">%d more of %.3g s, ", f.unstable, f.horizon) + f.data +
+        ", are not told: the machine is unstable there, and an error of the start grows more than twentyfold, whatever "
+        "the model.</p>\n";
+  }
+  return h;
 }
 
 std::string step_table(const Diagnosis& d) {
