@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "../record_identification.hpp"
+#include "identify_rhythm.hpp"
 
 namespace saltus::program {
 namespace {
@@ -247,6 +248,13 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
     o.plan.opposed = true;
   }
   if (!o.record.empty()) check_record_options(command);
+  if (!o.record.empty() && !is_event_log(o.record)) {
+    const Record record = read_record(std::filesystem::path(o.record));
+    if (!record.clock_paced() && record.sections != "clock") {
+      identify_rhythm(o, record);
+      return;
+    }
+  }
   const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--save", o.save}});
   if (o.csv == "-" && o.sections.family == "both") {
     throw UsageError("--csv -: there is one table for each family of sections; name a file, or choose --sections");
@@ -317,7 +325,8 @@ void add_identify(CLI::App& app) {
       "Examples: saltus identify hopper --protocol paper --pictures out\n"
       "          saltus identify hopper --noise 0.001,0.006 --save run.csv\n"
       "          saltus identify hopper --record run.csv --csv htf.csv\n"
-      "          saltus identify hopper --link udpm:// --log run.lcm");
+      "          saltus identify hopper --link udpm:// --log run.lcm\n"
+      "          saltus identify compass_gait_robot --record walk.csv   (no clock paces it: sections at its own events)");
   auto o = std::make_shared<IdentifyOptions>();
   o->model.add_to(*command);
   command->add_option("--record", o->record, "read a measured record instead of driving a machine")->type_name("FILE");

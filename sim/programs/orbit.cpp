@@ -1,9 +1,29 @@
 // saltus orbit MODEL: its limit cycle, the multipliers and ranks of its return maps, and how far each can be trusted.
 #include "../report/orbit_figures.hpp"
+#include "orbit_multipliers.hpp"
 #include "orbit_output.hpp"
 #include "orbit_search.hpp"
 
 namespace saltus::program {
+
+namespace {
+
+std::unique_ptr<OrbitReport> orbit_of(const OrbitOptions& options) {
+  std::unique_ptr<OrbitReport> report;
+  with_model(options.model, [&](const auto& m) {
+    report = std::make_unique<OrbitReport>(OrbitSearch<std::remove_cvref_t<decltype(m)>>(m, options).report());
+  });
+  return report;
+}
+
+}  // namespace
+
+std::vector<Complex> orbit_multipliers(const ModelChoice& model) {
+  OrbitOptions options;
+  options.model = model;
+  const WideMultipliers m = orbit_of(options)->multipliers;
+  return {m.value.begin(), m.value.begin() + m.nonzero};
+}
 
 void add_orbit(CLI::App& app) {
   auto* command =
@@ -49,15 +69,12 @@ void add_orbit(CLI::App& app) {
   command->callback([o] {
     o->portrait = !o->picture.empty();
     const bool quiet = check_outputs({{"--json", o->json}, {"--picture", o->picture}});
-    with_model(o->model, [&](const auto& m) {
-      using M = std::remove_cvref_t<decltype(m)>;
-      const auto report = std::make_unique<OrbitReport>(OrbitSearch<M>(m, *o).report());
-      const std::string picture = o->picture.empty() ? "" : orbit_figure(*report).svg();
-      if (!o->json.empty()) write_json(o->json, orbit_json(*report));
-      if (!o->picture.empty()) write_text(o->picture, picture);
-      if (!quiet) print_orbit(*report);
-      if (const std::string doubt = explain(*report); !doubt.empty()) throw RunError(report->model + ": " + doubt);
-    });
+    const auto report = orbit_of(*o);
+    const std::string picture = o->picture.empty() ? "" : orbit_figure(*report).svg();
+    if (!o->json.empty()) write_json(o->json, orbit_json(*report));
+    if (!o->picture.empty()) write_text(o->picture, picture);
+    if (!quiet) print_orbit(*report);
+    if (const std::string doubt = explain(*report); !doubt.empty()) throw RunError(report->model + ": " + doubt);
   });
 }
 
