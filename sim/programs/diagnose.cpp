@@ -7,15 +7,16 @@
 
 #include "../diagnosis/json.hpp"
 #include "../report/diagnosis_page.hpp"
-#include "hal/record.hpp"
+#include "../report/self_paced_section.hpp"
 #include "calibrate.hpp"
+#include "hal/record.hpp"
 #include "program.hpp"
 
 namespace saltus::program {
 namespace {
 
 struct Arguments {
-  std::string record, model, json, report;
+  std::string record, model, json, report, picture;
   std::vector<std::string> settings, tolerances, candidates;
   double holdout = -1.0, stretch = 0.0, horizon = 0.0;
   std::uint64_t seed = 1;
@@ -50,10 +51,13 @@ std::vector<Setting> carried(const std::string& path, const diagnosis::Machine& 
   if (j.contains("parameters") && j["parameters"].is_array()) {
     for (const auto& p : j["parameters"]) {
       const auto name = p.value("name", std::string());
-      if (here(name) && p.contains("with_effect") && p["with_effect"].is_number()) r.push_back({name, p["with_effect"].get<double>()});
+      if (here(name) && p.contains("with_effect") && p["with_effect"].is_number())
+        r.push_back({name, p["with_effect"].get<double>()});
     }
   }
-  if (r.empty()) throw RunError(path + ": nothing in it fits " + own.name + (missing.empty() ? "" : " (it speaks of " + missing + ")"));
+  if (r.empty())
+    throw RunError(path + ": nothing in it fits " + own.name +
+                   (missing.empty() ? "" : " (it speaks of " + missing + ")"));
   return r;
 }
 
@@ -68,12 +72,26 @@ double declared_value(const diagnosis::Machine& m, const std::string& name, cons
   throw UsageError(option + ": " + m.name + " has no parameter '" + name + "'; it has " + names);
 }
 
+// The free runs of the first output, measured, refitted and with what was found.
+void write_picture(const std::string& path, const diagnosis::Diagnosis& d) {
+  const auto figures = free_run_figures(d);
+  if (figures.empty()) {
+    throw UsageError(
+        "--picture " + path + ": there are no free runs to draw of " + d.record +
+        (d.self_paced.is ? "; choose a shorter --horizon" : ", which a clock paces; --report draws what there is"));
+  }
+  write_text(path, figures.front().svg());
+}
+
 void run(const Arguments& a) {
   const Record record = read_record(a.record);
   const std::string model = a.model.empty() ? record.model : a.model;
   if (model.empty()) throw UsageError("--model is missing, and the record names none; models: " + known_models());
   auto machine = diagnosis::make_machine(model);
-  if (!machine) throw UsageError("--model " + model + ": no records of such a model are diagnosed; there are hopper, bouncing_ball, " + machine_models());
+  if (!machine)
+    throw UsageError("--model " + model +
+                     ": no records of such a model are diagnosed; there are hopper, bouncing_ball, " +
+                     machine_models());
   if (!record.model.empty() && record.model != model) {
     throw RunError(a.record + ": it says it is of the model " + record.model + ", not " + model + "; choose --model " +
                    record.model + ", or correct its header");
@@ -83,7 +101,8 @@ void run(const Arguments& a) {
     if (text.find('=') == std::string::npos && std::filesystem::exists(text)) {
       for (const Setting& s : carried(text, *machine)) {
         options.set.emplace_back(s.name, s.value);
-        if (a.json != "-") std::printf("From %s: %s = %.6g\n", text.c_str(), s.name.c_str(), s.value);
+        if (a.json != "-" && a.picture != "-")
+          std::printf("From %s: %s = %.6g\n", text.c_str(), s.name.c_str(), s.value);
       }
       continue;
     }
@@ -107,7 +126,8 @@ void run(const Arguments& a) {
     options.holdout_share = a.holdout;
   } else {
     if (a.holdout != std::floor(a.holdout)) {
-      throw UsageError("--holdout " + std::to_string(a.holdout) + ": a number of experiments, or a share between 0 and 1");
+      throw UsageError("--holdout " + std::to_string(a.holdout) +
+                       ": a number of experiments, or a share between 0 and 1");
     }
     options.holdout = static_cast<int>(a.holdout);
   }
@@ -118,8 +138,9 @@ void run(const Arguments& a) {
   options.progress = [&](double fraction, const char*) { progress.at(fraction); };
   const diagnosis::Diagnosis d = diagnosis::diagnose(record, *machine, options);
   if (!a.json.empty()) write_json(a.json, diagnosis::to_json(d));
+  if (!a.picture.empty()) write_picture(a.picture, d);
   const std::string page = a.report.empty() ? "" : write_diagnosis_page(d, a.report);
-  if (a.json == "-") return;
+  if (a.json == "-" || a.picture == "-") return;
   for (const std::string& line : d.story) std::printf("%s\n", line.c_str());
   for (const std::string& note : d.notes) std::printf("Note: %s\n", note.c_str());
   if (!page.empty()) std::printf("Report: %s\n", page.c_str());
@@ -135,8 +156,11 @@ void add_diagnose(CLI::App& app) {
   auto a = std::make_shared<Arguments>();
   command->add_option("RECORD", a->record, "the record, a CSV file")->required()->check(CLI::ExistingFile);
   command->add_option("--model", a->model, "the declared model; where missing, the one the record names");
-  command->add_option("--set", a->settings, "NAME=VALUE: declare a parameter's value, or an effect's size, in its SI unit; or FILE: what an earlier "
-                   "verdict (--json) found on another record; may be repeated")
+  command
+      ->add_option(
+          "--set", a->settings,
+          "NAME=VALUE: declare a parameter's value, or an effect's size, in its SI unit; or FILE: what an earlier "
+          "verdict (--json) found on another record; may be repeated")
       ->type_name("NAME=VALUE|FILE")
       ->allow_extra_args(false);
   command
@@ -149,9 +173,10 @@ void add_diagnose(CLI::App& app) {
   command->add_option("--candidates", a->candidates, "consider only these effects: names, or beginnings ending in *")
       ->delimiter(',');
   command
-      ->add_option("--holdout", a->holdout,
-                   "how many experiments, the last ones, are predicted and not fitted, or what share of a record that no "
-                   "clock paces (0.5); default a third")
+      ->add_option(
+          "--holdout", a->holdout,
+          "how many experiments, the last ones, are predicted and not fitted, or what share of a record that no "
+          "clock paces (0.5); default a third")
       ->check(CLI::NonNegativeNumber);
   command->add_option("--stretch", a->stretch, "[s] length of the stretches a record that no clock paces is cut into")
       ->check(CLI::PositiveNumber);
@@ -159,6 +184,10 @@ void add_diagnose(CLI::App& app) {
       ->check(CLI::PositiveNumber);
   command->add_option("--seed", a->seed, "seed of everything random")->capture_default_str();
   command->add_option("--report", a->report, "write a page about it into the folder DIR")->type_name("DIR");
+  command
+      ->add_option("--picture", a->picture,
+                   "draw the free runs of a record that no clock paces into FILE.svg, - for standard output")
+      ->type_name("FILE");
   command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->callback([a] { run(*a); });
   add_calibrate(app);

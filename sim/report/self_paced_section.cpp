@@ -17,6 +17,24 @@ bool angle(const std::string& unit) { return unit.substr(0, 3) == "rad"; }
 double shown(double x, const std::string& unit) { return angle(unit) ? x * 180.0 / std::numbers::pi : x; }
 std::string shown_unit(const std::string& unit) { return angle(unit) ? "deg" + unit.substr(3) : unit; }
 
+// A long run: how far off it is as a root mean square over a fortieth of it, on a logarithmic axis, and no more points
+// than can be seen.
+constexpr std::size_t is_long = 1000, points = 600;
+
+Curve running_size(const Curve& like, const std::vector<double>& t, const std::vector<double>& error) {
+  Curve c{like.title, like.style, {}};
+  const std::size_t window = error.size() / 40;
+  double sum = 0.0;
+  for (std::size_t i = 0; i < error.size(); ++i) {
+    const auto square = [&](std::size_t k) { return std::isfinite(error[k]) ? error[k] * error[k] : 0.0; };
+    sum += square(i);
+    if (i >= window) sum -= square(i - window);
+    if (i + 1 >= window && i % (window / 8) == 0)
+      c.points.emplace_back(t[i - window / 2], std::sqrt(std::max(0.0, sum) / static_cast<double>(window)));
+  }
+  return c;
+}
+
 }  // namespace
 
 std::vector<Figure> free_run_figures(const Diagnosis& d) {
@@ -41,14 +59,16 @@ std::vector<Figure> free_run_figures(const Diagnosis& d) {
     left.y_label = shown_unit(unit);
     right.title = plain(d.output_names[o]) + ": how far off";
     right.y_label = shown_unit(unit);
-    left.settings = right.settings = "set key top right";
-    Curve measured{"measured", "points lc rgb '#999999' pt 7 ps 0.25", {}},
-        refitted{"refitted", "lines lc rgb '#c0392b'", {}},
-        with{after ? "with the effects" : "final", "lines lc rgb '#2471a3' lw 1.5", {}};
+    left.settings = right.settings = "set key top right horizontal";
+    const bool lengthy = own.front()->t.size() >= is_long;
+    const std::size_t every = std::max<std::size_t>(1, own.front()->t.size() / points);
+    Curve measured{"measured", lengthy ? "lines lc rgb '#aaaaaa' lw 4" : "points lc rgb '#999999' pt 7 ps 0.25", {}},
+        refitted{after ? "before" : "refitted", "lines lc rgb '#c0392b'", {}},
+        with{after ? "after" : "final", "lines lc rgb '#2471a3' lw 1.5", {}};
     Curve off_refitted = refitted, off_with = with;
     std::vector<double> size;
     for (const Trace* t : own) {
-      for (std::size_t i = 0; i < t->t.size(); ++i) {
+      for (std::size_t i = 0; i < t->t.size(); i += every) {
         measured.points.emplace_back(t->t[i], shown(t->measured[i], unit));
         refitted.points.emplace_back(t->t[i], shown(t->refit[i], unit));
         with.points.emplace_back(t->t[i], shown(t->after[i], unit));
@@ -56,15 +76,49 @@ std::vector<Figure> free_run_figures(const Diagnosis& d) {
         off_with.points.emplace_back(t->t[i], shown(t->measured[i] - t->after[i], unit));
         if (std::isfinite(off_with.points.back().second)) size.push_back(std::abs(off_with.points.back().second));
       }
-      for (Curve* c : {&refitted, &with, &off_refitted, &off_with}) c->points.emplace_back(t->t.back(), std::nan(""));
+      for (Curve* c : {&measured, &refitted, &with, &off_refitted, &off_with})
+        c->points.emplace_back(t->t.back(), std::nan(""));
     }
     if (!size.empty()) {  // a model that is lost must not hide the one that is not
       std::sort(size.begin(), size.end());
       const double top = std::max(1e-9, 4.0 * size[size.size() * 95 / 100]);
       right.settings += format("\nset yrange [%.4g:%.4g]", -top, top);
     }
-    left.curves = {measured, refitted, with};
+    double top = 0.0, bottom = 0.0;
+    for (const Curve* c : {&measured, &refitted, &with}) {
+      for (const auto& [t, y] : c->points) {
+        if (!std::isfinite(y)) continue;
+        top = std::max(top, y);
+        bottom = std::min(bottom, y);
+      }
+    }
+    if (lengthy)
+      left.settings += format("\nset yrange [%.3g:%.3g]", bottom, top + 0.25 * (top - bottom));  // room for the key
+    left.curves = {refitted, measured, with};
     right.curves = {off_refitted, off_with};
+    if (lengthy) {
+      right.curves.clear();
+      for (const Trace* t : own) {
+        std::vector<double> before, now;
+        for (std::size_t i = 0; i < t->t.size(); ++i) {
+          before.push_back(shown(t->measured[i] - t->refit[i], unit));
+          now.push_back(shown(t->measured[i] - t->after[i], unit));
+        }
+        right.curves.push_back(running_size(off_refitted, t->t, before));
+        right.curves.push_back(running_size(off_with, t->t, now));
+        off_refitted.title = off_with.title = "";
+      }
+      right.title += ", root mean square";
+      double low = 1e300, high = 0.0;
+      for (const Curve& c : right.curves) {
+        for (const auto& [when, off] : c.points) {
+          if (off > 0.0) low = std::min(low, off);
+          high = std::max(high, off);
+        }
+      }
+      right.settings =
+          format("set key top right horizontal\nset logscale y\nset yrange [%.3g:%.3g]", 0.7 * low, 4.0 * high);
+    }
     f.panels = {left, right};
     figures.push_back(std::move(f));
   }
