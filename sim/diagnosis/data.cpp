@@ -218,12 +218,16 @@ void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residu
     for (std::size_t s = 0; s < data.segments.size(); ++s) {
       const auto& r = residual[s];
       const auto& c = data.segments[s].count;
+      const auto& t = data.segments[s].t;
       for (Eigen::Index i = j + ny; i + ny < r.size(); i += ny) {
-        if (c[i] > 0.0 && c[i - ny] > 0.0 && c[i + ny] > 0.0)
-          d.push_back(std::abs(r[i] - 0.5 * (r[i - ny] + r[i + ny])));
+        if (!(c[i] > 0.0 && c[i - ny] > 0.0 && c[i + ny] > 0.0)) continue;
+        // Off the straight line between its neighbours, wherever between them it was measured.
+        const std::size_t k = data.segments[s].first + static_cast<std::size_t>(i / ny);
+        const double a = (t[k + 1] - t[k]) / (t[k + 1] - t[k - 1]), b = 1.0 - a;
+        d.push_back(std::abs(r[i] - a * r[i - ny] - b * r[i + ny]) / std::sqrt(1.0 + a * a + b * b));
       }
     }
-    double sigma = d.empty() ? data.noise[j] : median(d) / (0.6744897501960817 * std::sqrt(1.5));
+    double sigma = d.empty() ? data.noise[j] : median(d) / 0.6744897501960817;
     const double step = data.quality.resolution[static_cast<std::size_t>(j)];
     sigma = std::max(sigma, step / std::sqrt(12.0));
     if (sigma > 0.0) data.noise[j] = sigma;

@@ -333,7 +333,8 @@ std::vector<Selection::Tie> Selection::ties() {
     std::vector<std::pair<double, Eigen::Index>> alike;
     for (std::size_t k = 0; k < v.candidate.size(); ++k) {
       const auto j = static_cast<Eigen::Index>(k);
-      if (v.candidate[k] == e || !v.usable(j) || has(best.effects, v.candidate[k])) continue;
+      // Not `usable`: beside what was found even its exact twin is known only as well as the scale of all forces.
+      if (v.candidate[k] == e || !(v.error[j] > 0.0) || has(best.effects, v.candidate[k])) continue;
       alike.emplace_back(-std::abs(v.cosine(i, j)), j);
     }
     std::sort(alike.begin(), alike.end());
