@@ -36,6 +36,18 @@ std::vector<std::string> names_of(const Machine& m, const std::vector<int>& set)
   return r;
 }
 
+// Laws of one port are of one kind, and so is what may be wrong with an input, or with a sensor: which of them it is
+// matters less than that it is one of them. Of two kinds it is only where nothing can tell them apart, as a constant
+// force and a bias of the input.
+bool same_kind(const std::string& a, const std::string& b) {
+  const auto kind = [](const std::string& name) {
+    if (name.rfind("input_", 0) == 0) return std::string("input");
+    if (name.rfind("sensor_", 0) == 0) return std::string("sensor");
+    return name.substr(std::min(name.size(), name.find('@')));
+  };
+  return kind(a) == kind(b);
+}
+
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
 void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, double gain) {
   const std::vector<int>& effects = f.part.effects;
@@ -88,7 +100,7 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
       if (t.above < 4.0 * close) d.rivals.push_back({names_of(machine, set), t.above, t.predicted});
       if (t.above > close) continue;
       f.ties.push_back(name_of(machine, t.to));
-      if (std::abs(t.cosine) < 0.8) d.verdict = Verdict::ambiguous;
+      if (std::abs(t.cosine) < (same_kind(f.name, f.ties.back()) ? 0.8 : 0.999)) d.verdict = Verdict::ambiguous;
     }
     d.effects.push_back(std::move(f));
   }
@@ -204,7 +216,8 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
       run_free(d, record, w, rest - 2.0 * w.s.spacing, true, values, false);
     }
   }
-  run_free(d, record, w, horizon, false, {declared.values, f.all_refit.values, f.all.fit.values}, w.test.empty());
+  run_free(d, record, w, horizon, false, {declared.values, f.all_refit.values, f.all.fit.values},
+           d.self_paced.traces.empty());
   lap("running free");
 
   judge(d, w, f, search.base().scale,

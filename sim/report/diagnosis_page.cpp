@@ -199,15 +199,18 @@ std::string self_paced_section(const Diagnosis& d) {
       free_run_table(d);
   for (const Figure& f : free_run_figures(d)) h += drawn(f);
   if (!d.self_paced.steps.empty()) {
-    h += "<h2>How each effect earned its place</h2>\n<p>No model of a real machine is true down to its sensors' noise, "
-         "so nothing is tested against that. "
-         "What is left of the measurement is correlated in time: " +
-         format(
-             "%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against "
-             "that, ",
-             d.self_paced.independent, d.threshold * d.threshold) +
-         "and, fitted on part of the data, leaves at most 93 % of the error of predicting the rest.</p>\n" +
-         step_table(d);
+    h +=
+        "<h2>How each effect earned its place</h2>\n<p>No model of a real machine is true down to its sensors' noise, "
+        "so nothing is tested against that. "
+        "What is left of the measurement is correlated in time: " +
+        format(
+            "%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against "
+            "that, a quarter more for every effect found before it, ",
+            d.self_paced.independent, d.threshold * d.threshold) +
+        "and when, fitted on part of the data, it leaves at most 93 % of the error of predicting the rest (the "
+        "geometric mean over the parts left out in turn) and most parts are predicted better. Two that hide each other "
+        "are tried together, each against the other alone.</p>\n" +
+        step_table(d);
   }
   return h;
 }
@@ -342,12 +345,13 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   h += "</table>\n";
   if (!d.twins.empty() || !d.rivals.empty()) {
     h += "<h2>What else it could be</h2>\n";
-    h += d.self_paced.is
-             ? "<p class=\"muted\">Each effect found was exchanged for what looks most like it. BIC below zero: it fits "
-               "the fitted part better than what was found; error above 1: fitted on some parts it predicts the others "
-               "worse.</p>\n<table><tr><th>rival</th><th>BIC, less that of what was found</th><th>error of predicting "
-               "parts not fitted, over that of what was found</th></tr>\n"
-             : "<table><tr><th>rival</th><th>BIC above the best</th></tr>\n";
+    h +=
+        d.self_paced.is
+            ? "<p class=\"muted\">Each effect found was exchanged for what looks most like it. BIC below zero: it fits "
+              "the fitted part better than what was found; error above 1: fitted on some parts it predicts the others "
+              "worse.</p>\n<table><tr><th>rival</th><th>BIC, less that of what was found</th><th>error of predicting "
+              "parts not fitted, over that of what was found</th></tr>\n"
+            : "<table><tr><th>rival</th><th>BIC above the best</th></tr>\n";
     for (const Rival& r : d.rivals) {
       std::string n;
       for (const auto& x : r.names) n += (n.empty() ? "" : " + ") + x;

@@ -126,6 +126,24 @@ TEST_CASE("a bench with both frictions: both are found, sized, and predict", "[s
   CHECK(d.heldout.refit > 5.0);
 }
 
+TEST_CASE("a bench whose motor gives a constant torque besides: found, with its exact twin named", "[self-paced]") {
+  const Diagnosis d = judged(bench({{"constant_force@hip", 0.01}}, 24.0, 5));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK((d.effects[0].name == "constant_force@hip" || d.effects[0].name == "input_bias"));
+  REQUIRE(d.effects[0].ties.size() == 1);
+  CHECK((d.effects[0].ties[0] == "constant_force@hip" || d.effects[0].ties[0] == "input_bias"));
+  REQUIRE(!d.rivals.empty());
+  CHECK(std::abs(d.rivals[0].predicted - 1.0) < 1e-3);
+}
+
+TEST_CASE("a bench that is only heavier than declared: its parameters, and no cause", "[self-paced]") {
+  const Diagnosis d = judged(bench({{"com", 0.0448 * 1.06}}, 24.0, 6));
+  CHECK(d.verdict == Verdict::parameters_only);
+  CHECK(d.effects.empty());
+  CHECK(d.heldout.after < 1.3);
+}
+
 TEST_CASE("the leg bench: fitted on the first half, the chirp is predicted with friction and not without",
           "[self-paced][measured]") {
   Options o;
