@@ -129,6 +129,24 @@ TEST_CASE("where the input excites the machine its harmonic transfer functions a
   CHECK(clear > 6 * 20);
 }
 
+TEST_CASE("a record that marks no events, or too few, is refused with what to do about it", "[rhythm]") {
+  Arm arm;
+  arm.sway = 0.01;
+  Record r = record_of(arm, 12, 6, 1);
+  r.cycle.clear();
+  CHECK_NOTHROW(identify_rhythm(r));  // its charts mark them
+  r.chart.clear();
+  r.chart_names.clear();
+  std::string said;
+  try {
+    identify_rhythm(r);
+  } catch (const RecordError& e) {
+    said = e.what();
+  }
+  CHECK(said.find("column cycle") != std::string::npos);
+  CHECK_THROWS_AS(identify_rhythm(record_of(arm, 2, 3, 1)), RecordError);
+}
+
 TEST_CASE("an input that the state tells is refused, and so is none", "[rhythm]") {
   Arm arm;
   arm.sway = 0.1;
