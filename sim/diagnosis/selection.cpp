@@ -78,6 +78,14 @@ bool Selection::physical(int coefficient, double value) const {
   return c.physical == 0 || value > 0.0;
 }
 
+bool Selection::refinable(const std::vector<int>& effects, int coefficient) const {
+  const auto& all = p_.machine->coefficients;
+  const std::string& plain = all[static_cast<std::size_t>(coefficient)].refines;
+  const auto named = [&](int c) { return all[static_cast<std::size_t>(c)].name == plain; };
+  return plain.empty() || std::any_of(effects.begin(), effects.end(), named) ||
+         std::none_of(candidates_.begin(), candidates_.end(), named);
+}
+
 double Selection::cost(const Attempt& a, const Attempt& like) const {
   return a.fit.penalty + like.independent * std::log(a.scale);
 }
@@ -198,7 +206,7 @@ Trial1 Selection::examine(const Attempt& more, const Attempt& less, int effect) 
 
 // The more is found already the more it takes: every further search is one more chance to be misled.
 double Selection::bar(std::size_t beside) const {
-  return threshold_ * threshold_ * (1.0 + 0.25 * static_cast<double>(beside));
+  return threshold_ * threshold_ * (1.0 + 0.5 * static_cast<double>(beside));
 }
 bool Selection::convincing(const Trial1& t) const {
   return t.gain > bar(t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
@@ -220,6 +228,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       const auto k = static_cast<Eigen::Index>(i);
       const int c = e.candidate[i];
       if (!e.usable(k) || !physical(c, e.value[k]) || has(current.effects, c) || std::abs(e.z[k]) < 2.0) continue;
+      if (!refinable(current.effects, c)) continue;
       leads.push_back({c, e.value[k], std::abs(e.z[k])});
     }
     std::sort(leads.begin(), leads.end(), [](const Lead& a, const Lead& b) { return a.z > b.z; });
@@ -236,13 +245,17 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       progress(0.1 + 0.15 * (static_cast<double>(size) + static_cast<double>(i) / static_cast<double>(leads.size())));
     }
     std::sort(order.begin(), order.end());
+    // The best few, each once: exact twins cost the same.
+    std::vector<int> best;
+    for (std::size_t i = 0; i < order.size() && best.size() < (size == 0 ? 3u : 2u); ++i) {
+      if (i == 0 || order[i].first - order[i - 1].first > 1e-3) best.push_back(order[i].second);
+    }
     bool added = false;
-    for (std::size_t i = 0; i < order.size() && i < 2 && !added; ++i) {
-      const int c = order[i].second;
-      const Attempt first = pool_.at(with(current.effects, c));
+    for (std::size_t i = 0; i < best.size() && !added; ++i) {
+      const Attempt first = pool_.at(with(current.effects, best[i]));
       const Attempt more = attempt(first.effects, first.fit, first.noise);
       if (cost(current, current) - cost(more, current) < bar(current.effects.size())) break;
-      Trial1 t = examine(more, current, c);
+      Trial1 t = examine(more, current, best[i]);
       t.taken = convincing(t);
       account_.push_back(t);
       if (!t.taken) continue;
@@ -250,7 +263,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       added = true;
     }
     // Two effects may hide each other: neither alone predicts, but each does beside the other.
-    if (!added && !order.empty() && size == 0) added = take_pair(order.front().second);
+    for (std::size_t i = 0; i < best.size() && !added && size == 0; ++i) added = take_pair(best[i]);
     if (!added) break;
     reweigh();
     // What the new one makes superfluous goes.
@@ -285,6 +298,7 @@ bool Selection::take_pair(int first) {
     const auto k = static_cast<Eigen::Index>(i);
     const int c = e.candidate[i];
     if (!e.usable(k) || !physical(c, e.value[k]) || has(one.effects, c) || !(std::abs(e.z[k]) > best)) continue;
+    if (!refinable(one.effects, c)) continue;
     second = c;
     best = std::abs(e.z[k]);
   }

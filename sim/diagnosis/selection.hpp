@@ -65,6 +65,8 @@ class Selection {
   const std::vector<int>& candidates() const { return candidates_; }
   double threshold() const { return threshold_; }
   bool physical(int coefficient, double value) const;
+  // False for a refinement of what has not been found and could be: a friction is asymmetric once there is friction.
+  bool refinable(const std::vector<int>& effects, int coefficient) const;
   // -2 log likelihood with the penalty of the declared tolerances, for as many independent numbers as `like` has.
   double cost(const Attempt& a, const Attempt& like) const;
   double bic(const Attempt& a, const Attempt& like) const;

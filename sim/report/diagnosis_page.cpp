@@ -205,7 +205,7 @@ std::string self_paced_section(const Diagnosis& d) {
         "What is left of the measurement is correlated in time: " +
         format(
             "%.0f independent numbers in all. An effect is taken when it gains more than %.0f in likelihood against "
-            "that, a quarter more for every effect found before it, ",
+            "that, half of it more for every effect found before, ",
             d.self_paced.independent, d.threshold * d.threshold) +
         "and when, fitted on part of the data, it leaves at most 93 % of the error of predicting the rest (the "
         "geometric mean over the parts left out in turn) and most parts are predicted better. Two that hide each other "
