@@ -48,7 +48,14 @@ bool match_model(const std::string& model, const Record& record) {
     match(record, m);
   });
   if (recorded) return false;
-  if (!visit_model(model, [&](auto m) { match(record, m); })) {
+  const bool known = visit_model(model, [&](auto m) {
+    if constexpr (clocked<decltype(m)>) {
+      throw RecordError(record.name, "its sections are not paced by a clock, as " + model + " is",
+                        "give `# sections: clock` and `# sections-per-cycle`, with columns cycle and section");
+    }
+    match(record, m);
+  });
+  if (!known) {
     throw UsageError("there is no model '" + model + "'; there are " + known_models() + ", " + machine_models());
   }
   return true;
@@ -160,12 +167,12 @@ void print(const Rhythm& r) {
 }  // namespace
 
 void identify_rhythm(const IdentifyOptions& o, const Record& record) {
+  const bool may_cycle = match_model(o.model.name, record);
   if (!o.pictures.empty() || o.confidence.wanted()) {
     throw UsageError("no clock paces " + o.record +
                      ": of such a record there are --csv and --json, no pictures and no realisation");
   }
   const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}});
-  const bool may_cycle = match_model(o.model.name, record);
   RhythmOptions options;
   options.harmonics = std::min(1, o.campaign.harmonics);
   const Rhythm r = saltus::identify_rhythm(record, options);

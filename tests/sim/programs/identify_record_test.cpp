@@ -303,7 +303,7 @@ TEST_CASE("A wrong record is refused by place and mend, with status 1 and nothin
       small().with("settle-cycles", "# settle-cycles: 120"));
   add(":4:23: sections-per-cycle is `1000000000`; write a whole number from 1 to 4096",
       small().with("sections-per-cycle", "# sections-per-cycle: 1000000000"));
-  add(": its sections are not paced by a clock; give `# sections: clock`",
+  add(": its sections are not paced by a clock, as hopper is; give `# sections: clock`",
       small().with("sections:", "# sections: touchdown"));
   add(":5:19: cycle-period-s is `-1`", small().with("cycle-period-s", "# cycle-period-s: -1"));
   add(": its clock turns in 2 s, the model's in 1 s; set the model's clock rate, --set omega=3.14159",
