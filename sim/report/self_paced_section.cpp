@@ -85,15 +85,15 @@ std::vector<Figure> free_run_figures(const Diagnosis& d) {
       right.settings += format("\nset yrange [%.4g:%.4g]", -top, top);
     }
     double top = 0.0, bottom = 0.0;
-    for (const Curve* c : {&measured, &refitted, &with}) {
+    for (const Curve* c : {&measured, &with, &refitted}) {
+      const double bound = c == &refitted ? 2.0 * std::max(top, -bottom) : 1e300;  // nor here
       for (const auto& [t, y] : c->points) {
         if (!std::isfinite(y)) continue;
-        top = std::max(top, y);
-        bottom = std::min(bottom, y);
+        top = std::max(top, std::min(y, bound));
+        bottom = std::min(bottom, std::max(y, -bound));
       }
     }
-    if (lengthy)
-      left.settings += format("\nset yrange [%.3g:%.3g]", bottom, top + 0.25 * (top - bottom));  // room for the key
+    left.settings += format("\nset yrange [%.3g:%.3g]", bottom, top + 0.25 * (top - bottom));  // room for the key
     left.curves = {refitted, measured, with};
     right.curves = {off_refitted, off_with};
     if (lengthy) {
