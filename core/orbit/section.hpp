@@ -43,7 +43,7 @@ struct KinematicPhases {
   ScalarOf<M> value(int i, const M& m, C c, const Vec<C::dim, ScalarOf<M>>& x, const Input<M>& u) const noexcept {
     const double phase = -2.0 * std::numbers::pi * i / sections;
     const Output<M> y = m.output(c, x, u);
-    return (y[velocity] - o_v) * (std::cos(phase) / s_v) - (y[position] - o_p) * (std::sin(phase) / s_p);
+    return (y[velocity] - o_v) * (cos(phase) / s_v) - (y[position] - o_p) * (sin(phase) / s_p);
   }
 };
 

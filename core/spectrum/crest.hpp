@@ -13,6 +13,7 @@
 #include <span>
 
 #include "../random.hpp"
+#include "../trigonometry.hpp"
 #include "stimulus.hpp"
 #include "twiddles.hpp"
 
@@ -92,8 +93,9 @@ class CrestReduction {
   void draw() noexcept {
     std::fill_n(u_.begin(), points_, 0.0);
     for (int k = 0; k < tones_; ++k) {
-      const double c = amplitude_[at(k)] * std::cos(phase_[at(k)]);
-      const double s = amplitude_[at(k)] * std::sin(phase_[at(k)]);
+      const OnCircle at_start = on_circle(phase_[at(k)]);
+      const double c = amplitude_[at(k)] * at_start.cos;
+      const double s = amplitude_[at(k)] * at_start.sin;
       const int step = line_[at(k)];
       int j = 0;
       for (int n = 0; n < points_; ++n) {
@@ -163,8 +165,9 @@ class CrestReduction {
     gradient_.fill(0.0);
     Phases row, c, s;
     for (int k = 0; k < tones_; ++k) {
-      c[at(k)] = amplitude_[at(k)] * std::cos(phase_[at(k)]);
-      s[at(k)] = amplitude_[at(k)] * std::sin(phase_[at(k)]);
+      const OnCircle at_start = on_circle(phase_[at(k)]);
+      c[at(k)] = amplitude_[at(k)] * at_start.cos;
+      s[at(k)] = amplitude_[at(k)] * at_start.sin;
     }
     for (int n = 0; n < points_; ++n) {
       const double x = u_[at(n)] / scale;

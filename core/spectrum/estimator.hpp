@@ -147,12 +147,12 @@ class HtfEstimator {
   // stimulus has no such tone.
   template <int StimulusTones>
   Complex htf(int k, int l, int channel, const Multisine<StimulusTones>& stimulus) const noexcept {
-    return line(k, l, channel) / stimulus.spectrum(tone_line(k));
+    return quotient(line(k, l, channel), stimulus.spectrum(tone_line(k)));
   }
 
   // The same with U measured as another channel.
   Complex htf(int k, int l, int channel, int input_channel) const noexcept {
-    return line(k, l, channel) / line(k, 0, input_channel);
+    return quotient(line(k, l, channel), line(k, 0, input_channel));
   }
 
   // Over the disjoint windows (every P-th valid one) that had no hole: their number, the mean of Y, and the unbiased

@@ -5,6 +5,7 @@
 #include "../least_squares.hpp"
 #include "../linalg.hpp"
 #include "../status.hpp"
+#include "twiddles.hpp"
 
 #include <algorithm>
 #include <array>
@@ -56,10 +57,9 @@ template <int N, int Stride, int R, int First, int Taps>
 Complex evaluate(const TransferFit<N, Stride, R, First, Taps>& fit, double omega) noexcept {
   Complex numerator{};
   Complex denominator = 1.0;
-  for (int j = 0; j < Taps; ++j)
-    numerator += fit.b[static_cast<std::size_t>(j)] * std::polar(1.0, -omega * (First + j));
+  for (int j = 0; j < Taps; ++j) numerator += fit.b[static_cast<std::size_t>(j)] * phasor(-omega * (First + j));
   for (int k = 0; k < R; ++k) {
-    denominator += fit.a[static_cast<std::size_t>(k)] * std::polar(1.0, -omega * (Stride * (k + 1)));
+    denominator += fit.a[static_cast<std::size_t>(k)] * phasor(-omega * (Stride * (k + 1)));
   }
   return numerator / denominator;
 }
@@ -74,7 +74,7 @@ std::array<Complex, R> roots(const std::array<double, R>& a) noexcept {
   }
   std::array<Complex, R> x{};
   if (!(radius > 0.0) || !std::isfinite(radius)) return x;
-  for (std::size_t i = 0; i < R; ++i) x[i] = std::polar(radius, 0.4 + 2.0 * static_cast<double>(i));
+  for (std::size_t i = 0; i < R; ++i) x[i] = radius * phasor(0.4 + 2.0 * static_cast<double>(i));
   for (int sweep = 0; sweep < 100; ++sweep) {
     double change = 0.0;
     for (std::size_t i = 0; i < R; ++i) {
@@ -157,7 +157,7 @@ class TransferSearch<TransferFit<N, Stride, R, First, Taps>> {
   static Point at(const Fit& fit, double omega) noexcept {
     Point p;
     p.power[0] = 1.0;
-    p.power[1] = std::polar(1.0, -omega);
+    p.power[1] = phasor(-omega);
     for (std::size_t j = 2; j <= top; ++j) p.power[j] = p.power[j / 2] * p.power[j - j / 2];
     p.numerator = 0.0;
     p.denominator = 1.0;

@@ -10,6 +10,7 @@
 #include <numbers>
 
 #include "../orbit/ldtp.hpp"
+#include "twiddles.hpp"
 
 namespace saltus {
 
@@ -22,36 +23,54 @@ struct Harmonics {
   const Mat<NY, NU, Complex>& operator()(int m) const noexcept { return h[static_cast<std::size_t>((m % N + N) % N)]; }
 };
 
-// e^{i angle}
-inline Complex phasor(double angle) noexcept { return {std::cos(angle), std::sin(angle)}; }
-
 // By the periodic solution in the frequency domain: x[n] = X[n] e^{i w n} with X of period N, so that
 // (e^{i w N} - A[N-1]...A[0]) X[0] = sum of the inputs carried to the end of the cycle. omega in rad per section.
-// A frequency at which e^{i w N} is a multiplier gives non-finite numbers.
+// A frequency at which e^{i w N} is a multiplier gives non-finite numbers. Real and imaginary parts are kept apart, as
+// the system is real: half the work, and no complex product for a compiler to round in its own way.
 template <int NX, int NU, int NY, int N>
 Harmonics<NY, NU, N> htf(const Ldtp<NX, NU, NY, N>& system, double omega) noexcept {
-  using CX = Mat<NX, NU, Complex>;
-  const Complex back = phasor(-omega);
-  CX particular = CX::Zero();  // X[n] started from X[0] = 0
+  struct Parts {
+    Mat<NX, NU> re = Mat<NX, NU>::Zero(), im = Mat<NX, NU>::Zero();
+  };
+  const OnCircle back = on_circle(-omega);
+  const auto carry = [&](Parts& x, std::size_t n) {  // (A x + B) e^{-i w}
+    const Mat<NX, NU> re = system.A[n] * x.re + system.B[n], im = system.A[n] * x.im;
+    x.re = re * back.cos - im * back.sin;
+    x.im = re * back.sin + im * back.cos;
+  };
+  Parts particular;  // X[n] started from X[0] = 0
   Mat<NX, NX> transition = Mat<NX, NX>::Identity();
   for (std::size_t n = 0; n < N; ++n) {
-    particular =
-        ((system.A[n].template cast<Complex>() * particular + system.B[n].template cast<Complex>()) * back).eval();
+    carry(particular, n);
     transition = (system.A[n] * transition).eval();
   }
-  const Mat<NX, NX, Complex> closure =
-      Mat<NX, NX, Complex>::Identity() - transition.template cast<Complex>() * phasor(-omega * N);
-  CX x = Eigen::PartialPivLU<Mat<NX, NX, Complex>>(closure).solve(particular);
+  const OnCircle whole = on_circle(-omega * N);
+  Mat<2 * NX, 2 * NX> closure;
+  closure.template topLeftCorner<NX, NX>() = Mat<NX, NX>::Identity() - transition * whole.cos;
+  closure.template topRightCorner<NX, NX>() = transition * whole.sin;
+  closure.template bottomLeftCorner<NX, NX>() = -transition * whole.sin;
+  closure.template bottomRightCorner<NX, NX>() = closure.template topLeftCorner<NX, NX>();
+  Mat<2 * NX, NU> inputs;
+  inputs.template topRows<NX>() = particular.re;
+  inputs.template bottomRows<NX>() = particular.im;
+  const Mat<2 * NX, NU> start = Eigen::PartialPivLU<Mat<2 * NX, 2 * NX>>(closure).solve(inputs);
+  Parts x{start.template topRows<NX>(), start.template bottomRows<NX>()};
 
+  std::array<OnCircle, N> turn;  // e^{-2 pi i j / N} / N
+  for (std::size_t j = 0; j < N; ++j) {
+    const Complex w = root_of_unity(-static_cast<std::int64_t>(j), N);
+    turn[j] = {w.real() / N, w.imag() / N};
+  }
   Harmonics<NY, NU, N> r;
   for (auto& h : r.h) h.setZero();
   for (std::size_t n = 0; n < N; ++n) {
-    const Mat<NY, NU, Complex> y = system.C[n].template cast<Complex>() * x + system.D[n].template cast<Complex>();
+    const Mat<NY, NU> re = system.C[n] * x.re + system.D[n], im = system.C[n] * x.im;
     for (std::size_t m = 0; m < N; ++m) {
-      const double turn = static_cast<double>((m * n) % static_cast<std::size_t>(N)) / N;
-      r.h[m] += y * (phasor(-2.0 * std::numbers::pi * turn) / static_cast<double>(N));
+      const OnCircle& w = turn[m * n % N];
+      r.h[m].real() += re * w.cos - im * w.sin;
+      r.h[m].imag() += re * w.sin + im * w.cos;
     }
-    x = ((system.A[n].template cast<Complex>() * x + system.B[n].template cast<Complex>()) * back).eval();
+    carry(x, n);
   }
   return r;
 }

@@ -10,6 +10,7 @@
 
 #include "../linalg.hpp"
 #include "../random.hpp"
+#include "../trigonometry.hpp"
 #include "twiddles.hpp"
 
 namespace saltus {
@@ -49,7 +50,8 @@ class Multisine {
   int samples() const noexcept { return samples_; }  // L
   const Tone& tone(int k) const noexcept { return tone_[static_cast<std::size_t>(k)]; }
 
-  // u(n) [input unit]. Calls libm for each tone; a loop plays the table that fill() writes, which has the same bits.
+  // u(n) [input unit]. A sine and a cosine for each tone; a loop plays the table that fill() writes, which has the same
+  // bits.
   double operator()(std::int64_t n) const noexcept {
     double u = 0.0;
     for (int k = 0; k < tones_; ++k) {
@@ -92,7 +94,8 @@ class Multisine {
   // a_k exp(i phi_k) [input unit].
   Complex phasor(int k) const noexcept {
     const Tone& t = tone(k);
-    return {t.amplitude * std::cos(t.phase), t.amplitude * std::sin(t.phase)};
+    const OnCircle p = on_circle(t.phase);
+    return {t.amplitude * p.cos, t.amplitude * p.sin};
   }
 
  private:

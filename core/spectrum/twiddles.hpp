@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "../linalg.hpp"
+#include "../trigonometry.hpp"
 
 namespace saltus {
 
@@ -16,6 +17,12 @@ namespace saltus {
 constexpr std::int64_t wrap(std::int64_t x, std::int64_t n) noexcept {
   const std::int64_t r = x % n;
   return r < 0 ? r + n : r;
+}
+
+// e^{i angle}
+inline Complex phasor(double angle) noexcept {
+  const OnCircle p = on_circle(angle);
+  return {p.cos, p.sin};
 }
 
 // exp(2 pi i j / n) to within an ulp in each part, 1 <= n < 2^31. The index is reduced to the first octant as an
@@ -34,8 +41,8 @@ inline Complex root_of_unity(std::int64_t j, std::int64_t n) noexcept {
   const double r = top / full, r_rest = std::fma(-r, full, top) / full;
   const double angle = quarter * r;
   const double rest = std::fma(quarter, r, -angle) + quarter * r_rest + quarter_rest * r;
-  const double c0 = std::cos(angle), s0 = std::sin(angle);
-  const double c = c0 - rest * s0, s = s0 + rest * c0;
+  const trigonometry::Reduced reduced{angle, rest, 0};
+  const double c = trigonometry::cosine(reduced), s = trigonometry::sine(reduced);
 
   double x = steep ? s : c, y = steep ? c : s;
   if (t == n) x = y = 0.5 * std::numbers::sqrt2;  // the diagonal, where the two could differ by an ulp
