@@ -1,0 +1,34 @@
+# shellcheck shell=bash disable=SC2034,SC2054
+# Sourced by the scripts that leave the host: flags, emulators, and the Debian packages that bring them. Expects $root.
+
+cross_packages=(gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm
+                g++-aarch64-linux-gnu qemu-user)
+
+# A Cortex-M7 with double precision in hardware: no heap, no exceptions, no type information, no stdio.
+cortex_m7=(-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard -fno-exceptions -fno-rtti -fno-threadsafe-statics
+           -ffunction-sections -fdata-sections -DEIGEN_NO_MALLOC -nostartfiles -Wl,--gc-sections
+           -T "$root/bench/firmware/cortex_m7.ld" "$root/bench/firmware/board_cortex_m7.cpp")
+
+# Runs an image on the mps2-an500 board, one nanosecond an instruction; exits as its main() does.
+on_cortex_m7() {
+  qemu-system-arm -M mps2-an500 -cpu cortex-m7 -icount shift=0 -nographic -monitor none -serial none \
+    -chardev stdio,id=host -semihosting-config enable=on,target=native,chardev=host -kernel "$1" </dev/null
+}
+
+# Names of the commands that are not there.
+lacking() {
+  local command
+  for command in "$@"; do command -v "$command" >/dev/null || printf '%s ' "$command"; done
+}
+
+install_cross_toolchains() {
+  if ! command -v apt-get >/dev/null; then
+    echo "this is no Debian; install the like of: ${cross_packages[*]}" >&2
+    return 1
+  fi
+  local as_root=()
+  [[ $(id -u) -eq 0 ]] || as_root=(sudo)
+  "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq update &&
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends \
+      "${cross_packages[@]}" >/dev/null
+}
