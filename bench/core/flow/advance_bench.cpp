@@ -24,7 +24,7 @@ void cycle(benchmark::State& state) {
                                                   benchmark::Counter::kIsRate | benchmark::Counter::kInvert);
   state.SetLabel(run.ledger[Status::ok] == run.tick ? "ok" : "trouble");
 }
-BENCHMARK(cycle)->Name("hopper/cycle")->Arg(64)->Arg(256)->Arg(512);
+BENCHMARK(cycle)->Name("hopper, a cycle of so many ticks | saltus")->Arg(64)->Arg(256)->Arg(512);
 
 // The same physics on plain arrays with libm, no library: what one would write for this model alone.
 struct Plain {
@@ -86,6 +86,10 @@ void plain_cycle(benchmark::State& state) {
     benchmark::DoNotOptimize(p.x[0]);
   }
 }
-BENCHMARK(plain_cycle)->Name("hopper/cycle, hand-written, bisection by re-integration")->Arg(64)->Arg(256)->Arg(512);
+BENCHMARK(plain_cycle)
+    ->Name("hopper, a cycle of so many ticks | hand-written, bisection by re-integration")
+    ->Arg(64)
+    ->Arg(256)
+    ->Arg(512);
 
 }  // namespace
