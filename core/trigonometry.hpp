@@ -34,7 +34,7 @@ inline Sum difference(double a, double b) noexcept {
 }
 
 // An angle beyond 1.6e6 rad, less whole turns: rare, slow, bounded.
-inline Sum within_turns(double x) noexcept {
+[[gnu::noinline]] inline Sum within_turns(double x) noexcept {
   constexpr double turn = 0x1.921fb54442d18p+2, rest = 0x1.1a62633145c07p-52, last = -0x1.f1976b7ed8fbcp-108;
   constexpr double many = 0x1p50;
   if (!(std::fabs(x) <= std::numeric_limits<double>::max())) return {std::numeric_limits<double>::quiet_NaN(), 0.0};
@@ -49,7 +49,7 @@ inline Sum within_turns(double x) noexcept {
   return {d.high, d.low - (std::fma(n, rest, -product) + n * last)};
 }
 
-inline Reduced reduce(double x) noexcept {
+[[gnu::always_inline]] inline Reduced reduce(double x) noexcept {
   constexpr double far = 0x1.921fb54442d18p+20;                                              // 2^20 quarter turns
   constexpr double p1 = 0x1.921fb544p+0, p2 = 0x1.0b4611a6p-34, p3 = 0x1.3198a2e037073p-69;  // pi/2, 33 bits in each
   constexpr double two_over_pi = 0x1.45f306dc9c883p-1;

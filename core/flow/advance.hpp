@@ -59,7 +59,9 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   const Vec<n> f0 = f(x0);
   const Vec<n> x1 = rk4<n, double>(f, x0, f0, left);
   const Vec<n> f1 = f(x1);
-  if (!(x0.allFinite() && f0.allFinite() && x1.allFinite() && f1.allFinite())) {
+  double blemish = 0.0;  // not a number when anything is not finite
+  for (int i = 0; i < n; ++i) blemish += (x0[i] - x0[i]) + (f0[i] - f0[i]) + (x1[i] - x1[i]) + (f1[i] - f1[i]);
+  if (!(blemish == 0.0)) {
     r.status = Status::diverged;
     return;
   }
@@ -230,7 +232,9 @@ Passage step(const M& m, Run<M>& run, const Input<M>& u, const Timebase& base, c
   } else if (usable(r.status)) {
     run.into = 0.0;
     ++run.tick;
-    set_clock(run.at, base, run.tick);
+    if constexpr (clocked<M>) {
+      if (base.sets_clock) run.at.x[clock_index(run.at)] = landing.clock;
+    }
   } else {
     run.into += r.elapsed;
   }
