@@ -1,5 +1,12 @@
 # shellcheck shell=bash disable=SC2034,SC2054
-# Sourced by the scripts that leave the host: flags, emulators, and the Debian packages that bring them. Expects $root.
+# Sourced by the scripts that compile without CMake or leave the host: flags, emulators, and the Debian packages that
+# bring them. Expects $root; EIGEN may be given by the environment.
+
+# As core/CMakeLists.txt hands on, for every compiler; and for GCC of this host.
+as_core_asks=(-std=c++20 -DNDEBUG -ffp-contract=off -DEIGEN_DONT_VECTORIZE -I "$root"
+              -isystem "${EIGEN:-/usr/include/eigen3}")
+of_gcc=()
+case $(g++ -dumpfullversion 2>/dev/null) in 12.*) of_gcc=(-fno-tree-slp-vectorize) ;; esac
 
 cross_packages=(gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm
                 g++-aarch64-linux-gnu qemu-user)
