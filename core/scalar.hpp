@@ -88,13 +88,18 @@ using std::tanh;
 
 template <int K>
 Dual<K> sin(const Dual<K>& x) noexcept {
-  const OnCircle p = on_circle(x.value);
+  const auto p = on_circle(x.value);
   return x.chain(p.sin, p.cos);
 }
 template <int K>
 Dual<K> cos(const Dual<K>& x) noexcept {
-  const OnCircle p = on_circle(x.value);
+  const auto p = on_circle(x.value);
   return x.chain(p.cos, -p.sin);
+}
+template <int K>
+OnCircle<Dual<K>> on_circle(const Dual<K>& x) noexcept {
+  const auto p = on_circle(x.value);
+  return {x.chain(p.cos, -p.sin), x.chain(p.sin, p.cos)};
 }
 template <int K>
 Dual<K> exp(const Dual<K>& x) noexcept {

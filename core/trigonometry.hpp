@@ -103,12 +103,14 @@ T cos(T x) noexcept {
 }
 
 // Both for one reduction: the point of the unit circle at an angle.
+template <class T = double>
 struct OnCircle {
-  double cos, sin;
+  T cos, sin;
 };
-inline OnCircle on_circle(double x) noexcept {
-  const trigonometry::Reduced r = trigonometry::reduce(x);
-  const double s = trigonometry::sine(r), c = trigonometry::cosine(r);
+template <std::floating_point T>
+OnCircle<T> on_circle(T x) noexcept {
+  const trigonometry::Reduced r = trigonometry::reduce(static_cast<double>(x));
+  const T s = static_cast<T>(trigonometry::sine(r)), c = static_cast<T>(trigonometry::cosine(r));
   switch (r.quadrant) {
     case 0:
       return {c, s};

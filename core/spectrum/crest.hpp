@@ -93,7 +93,7 @@ class CrestReduction {
   void draw() noexcept {
     std::fill_n(u_.begin(), points_, 0.0);
     for (int k = 0; k < tones_; ++k) {
-      const OnCircle at_start = on_circle(phase_[at(k)]);
+      const auto at_start = on_circle(phase_[at(k)]);
       const double c = amplitude_[at(k)] * at_start.cos;
       const double s = amplitude_[at(k)] * at_start.sin;
       const int step = line_[at(k)];
@@ -165,7 +165,7 @@ class CrestReduction {
     gradient_.fill(0.0);
     Phases row, c, s;
     for (int k = 0; k < tones_; ++k) {
-      const OnCircle at_start = on_circle(phase_[at(k)]);
+      const auto at_start = on_circle(phase_[at(k)]);
       c[at(k)] = amplitude_[at(k)] * at_start.cos;
       s[at(k)] = amplitude_[at(k)] * at_start.sin;
     }

@@ -32,7 +32,7 @@ Harmonics<NY, NU, N> htf(const Ldtp<NX, NU, NY, N>& system, double omega) noexce
   struct Parts {
     Mat<NX, NU> re = Mat<NX, NU>::Zero(), im = Mat<NX, NU>::Zero();
   };
-  const OnCircle back = on_circle(-omega);
+  const auto back = on_circle(-omega);
   const auto carry = [&](Parts& x, std::size_t n) {  // (A x + B) e^{-i w}
     const Mat<NX, NU> re = system.A[n] * x.re + system.B[n], im = system.A[n] * x.im;
     x.re = re * back.cos - im * back.sin;
@@ -44,7 +44,7 @@ Harmonics<NY, NU, N> htf(const Ldtp<NX, NU, NY, N>& system, double omega) noexce
     carry(particular, n);
     transition = (system.A[n] * transition).eval();
   }
-  const OnCircle whole = on_circle(-omega * N);
+  const auto whole = on_circle(-omega * N);
   Mat<2 * NX, 2 * NX> closure;
   closure.template topLeftCorner<NX, NX>() = Mat<NX, NX>::Identity() - transition * whole.cos;
   closure.template topRightCorner<NX, NX>() = transition * whole.sin;
@@ -56,7 +56,7 @@ Harmonics<NY, NU, N> htf(const Ldtp<NX, NU, NY, N>& system, double omega) noexce
   const Mat<2 * NX, NU> start = Eigen::PartialPivLU<Mat<2 * NX, 2 * NX>>(closure).solve(inputs);
   Parts x{start.template topRows<NX>(), start.template bottomRows<NX>()};
 
-  std::array<OnCircle, N> turn;  // e^{-2 pi i j / N} / N
+  std::array<OnCircle<>, N> turn;  // e^{-2 pi i j / N} / N
   for (std::size_t j = 0; j < N; ++j) {
     const Complex w = root_of_unity(-static_cast<std::int64_t>(j), N);
     turn[j] = {w.real() / N, w.imag() / N};
@@ -66,7 +66,7 @@ Harmonics<NY, NU, N> htf(const Ldtp<NX, NU, NY, N>& system, double omega) noexce
   for (std::size_t n = 0; n < N; ++n) {
     const Mat<NY, NU> re = system.C[n] * x.re + system.D[n], im = system.C[n] * x.im;
     for (std::size_t m = 0; m < N; ++m) {
-      const OnCircle& w = turn[m * n % N];
+      const OnCircle<>& w = turn[m * n % N];
       r.h[m].real() += re * w.cos - im * w.sin;
       r.h[m].imag() += re * w.sin + im * w.cos;
     }

@@ -94,7 +94,7 @@ class Multisine {
   // a_k exp(i phi_k) [input unit].
   Complex phasor(int k) const noexcept {
     const Tone& t = tone(k);
-    const OnCircle p = on_circle(t.phase);
+    const auto p = on_circle(t.phase);
     return {t.amplitude * p.cos, t.amplitude * p.sin};
   }
 

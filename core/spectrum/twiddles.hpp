@@ -21,7 +21,7 @@ constexpr std::int64_t wrap(std::int64_t x, std::int64_t n) noexcept {
 
 // e^{i angle}
 inline Complex phasor(double angle) noexcept {
-  const OnCircle p = on_circle(angle);
+  const auto p = on_circle(angle);
   return {p.cos, p.sin};
 }
 

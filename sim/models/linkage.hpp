@@ -26,30 +26,17 @@ struct Linkage {
   }
 
   // Mass matrix at angles q [rad]: the kinetic energy is v^T M v / 2.
-  Mat<N, N, S> mass(const Vec<N, S>& q) const noexcept {
-    Mat<N, N, S> r;
-    for (int j = 0; j < N; ++j) {
-      r(j, j) = A(j, j);
-      for (int k = 0; k < j; ++k) r(j, k) = r(k, j) = A(j, k) * cos(q[j] - q[k]);
-    }
-    return r;
-  }
+  Mat<N, N, S> mass(const Vec<N, S>& q) const noexcept { return mass(pairs_of(q)); }
   Mat<N, N, S> mass_inverse(const Vec<N, S>& q) const noexcept { return mass(q).inverse(); }
 
   // [N m] of weight and of the links' motion, joint by joint.
   Vec<N, S> torques(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
-    Vec<N, S> torque;
-    for (int j = 0; j < N; ++j) {
-      torque[j] = g * B[j] * sin(q[j] + slope);
-      for (int k = 0; k < N; ++k) {
-        if (k != j) torque[j] -= A(j, k) * sin(q[j] - q[k]) * v[k] * v[k];
-      }
-    }
-    return torque;
+    return torques(pairs_of(q), q, v, g, slope);
   }
   // q'' [rad/s^2] without other torques.
   Vec<N, S> acceleration(const Vec<N, S>& q, const Vec<N, S>& v, const S& g, const S& slope) const noexcept {
-    return mass_inverse(q) * torques(q, v, g, slope);
+    const Pairs pairs = pairs_of(q);
+    return mass(pairs).inverse() * torques(pairs, q, v, g, slope);
   }
 
   // Rates after a plastic impact that stops the pivot, which came along at (px, py) [m/s] with the links turning at w:
@@ -65,6 +52,41 @@ struct Linkage {
     S e = 0.5 * v.dot(mass(q) * v);
     for (int j = 0; j < N; ++j) e += g * B[j] * cos(q[j] + slope);
     return e;
+  }
+
+ private:
+  // Of q_j - q_k at (j, k), k < j: one reduction of an angle for both, and none for its negative.
+  struct Pairs {
+    Mat<N, N, S> cos, sin;
+  };
+  static Pairs pairs_of(const Vec<N, S>& q) noexcept {
+    Pairs r;
+    for (int j = 0; j < N; ++j) {
+      for (int k = 0; k < j; ++k) {
+        const auto p = on_circle(q[j] - q[k]);
+        r.cos(j, k) = p.cos;
+        r.sin(j, k) = p.sin;
+      }
+    }
+    return r;
+  }
+  Mat<N, N, S> mass(const Pairs& pairs) const noexcept {
+    Mat<N, N, S> r;
+    for (int j = 0; j < N; ++j) {
+      r(j, j) = A(j, j);
+      for (int k = 0; k < j; ++k) r(j, k) = r(k, j) = A(j, k) * pairs.cos(j, k);
+    }
+    return r;
+  }
+  Vec<N, S> torques(const Pairs& pairs, const Vec<N, S>& q, const Vec<N, S>& v, const S& g,
+                    const S& slope) const noexcept {
+    Vec<N, S> torque;
+    for (int j = 0; j < N; ++j) {
+      torque[j] = g * B[j] * sin(q[j] + slope);
+      for (int k = 0; k < j; ++k) torque[j] -= A(j, k) * pairs.sin(j, k) * v[k] * v[k];
+      for (int k = j + 1; k < N; ++k) torque[j] += A(j, k) * pairs.sin(k, j) * v[k] * v[k];
+    }
+    return torque;
   }
 };
 

@@ -77,7 +77,7 @@ TEST_CASE("a sine is one number however it is asked for", "[trigonometry]") {
     const double x = 20.0 * random.uniform() - 10.0;
     CHECK(saltus::sin(-x) == -saltus::sin(x));
     CHECK(saltus::cos(-x) == saltus::cos(x));
-    const OnCircle p = on_circle(x);
+    const auto p = on_circle(x);
     CHECK(p.sin == saltus::sin(x));
     CHECK(p.cos == saltus::cos(x));
     const auto s = sin(Dual<1>::variable(x, 0)), c = cos(Dual<1>::variable(x, 0));
