@@ -18,11 +18,9 @@ struct Linkage {
 
   // A mass [kg] at distances c [m] along the links.
   void add(const S& mass, const Vec<N, S>& c) noexcept {
-    for (int j = 0; j < N; ++j) {
-      const S moment = mass * c[j];
-      B[j] += moment;
-      for (int k = 0; k < N; ++k) A(j, k) += moment * c[k];
-    }
+    const Vec<N, S> moment = mass * c;
+    B += moment;
+    A += moment.lazyProduct(c.transpose());
   }
 
   // Mass matrix at angles q [rad]: the kinetic energy is v^T M v / 2.
