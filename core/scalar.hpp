@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 
+#include "exponential.hpp"
 #include "linalg.hpp"
 #include "trigonometry.hpp"
 
@@ -78,13 +79,11 @@ struct Dual {
 };
 
 // The elementary functions of a model, for every scalar. A model outside this namespace writes `using saltus::sin;`.
-// Sine and cosine are own ones, equal to the last bit on every processor; the others are std's.
+// sin, cos, exp and tanh are own ones, equal to the last bit on every processor; atan2 and log are std's.
 using std::abs;
 using std::atan2;
-using std::exp;
 using std::log;
 using std::sqrt;
-using std::tanh;
 
 template <int K>
 Dual<K> sin(const Dual<K>& x) noexcept {

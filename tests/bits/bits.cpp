@@ -66,6 +66,13 @@ void elementary() {
     }
   }
   h.print("sine and cosine");
+  Hash e;
+  for (int i = 0; i < 10000; ++i) {
+    const double x = 200.0 * random.uniform() - 100.0;
+    e.add(saltus::exp(x));
+    e.add(saltus::tanh(0.1 * x));
+  }
+  e.print("exp and tanh");
 }
 
 Multisine<tones> stimulus() {
