@@ -26,22 +26,22 @@ double OrbitReport::modulus_error() const { return multipliers.nonzero > 0 ? mul
 std::string explain(const Search& s, const std::vector<std::string>& edges) {
   const std::string after = s.after < 0 ? "from the start " : "after " + edge_name(edges, s.after) + " ";
   switch (s.outcome) {
-    case Outcome::found:
+    case SearchOutcome::found:
       return {};
-    case Outcome::no_convergence:
+    case SearchOutcome::no_convergence:
       return "Newton's method stands still at a mismatch of " + text("%.2g", s.residual);
-    case Outcome::other_event:
+    case SearchOutcome::other_event:
       return after + edge_name(edges, s.met) + " comes where " + edge_name(edges, s.expected) +
              " should: the gait changes its order of events";
-    case Outcome::no_event:
+    case SearchOutcome::no_event:
       return after + "no event follows: it comes to rest, falls or runs away";
-    case Outcome::fell:
+    case SearchOutcome::fell:
       return after + "it falls";
-    case Outcome::no_cycle:
+    case SearchOutcome::no_cycle:
       return "its events do not repeat";
-    case Outcome::collapsed:
+    case SearchOutcome::collapsed:
       return "the search ends in a state at rest, or chattering, where a cycle takes no time";
-    case Outcome::trouble:
+    case SearchOutcome::trouble:
       break;
   }
   switch (s.status) {

@@ -10,7 +10,7 @@
 
 namespace saltus {
 
-enum class Outcome : unsigned char {
+enum class SearchOutcome : unsigned char {
   found,
   no_convergence,  // Newton's method stands still above the tolerance
   other_event,     // an event came in another order than expected
@@ -24,7 +24,7 @@ enum class Outcome : unsigned char {
 // How a search ended. Where a leg went wrong: the edges, as positions in M::Edges, that it came from, should have ended
 // on, and did; -1 for a section or a start.
 struct Search {
-  Outcome outcome = Outcome::no_cycle;
+  SearchOutcome outcome = SearchOutcome::no_cycle;
   Status status = Status::ok;
   int after = -1, expected = -1, met = -1;
   int iterations = 0;                                         // of Newton's method
@@ -87,13 +87,13 @@ bool expected_end(const Leg<N>& leg, int after, int expected, Search& search) no
   search.met = leg.end == End::edge ? leg.edge : -1;
   search.status = leg.status;
   if (leg.fell) {
-    search.outcome = Outcome::fell;
+    search.outcome = SearchOutcome::fell;
   } else if (!usable(leg.status)) {
-    search.outcome = Outcome::trouble;
+    search.outcome = SearchOutcome::trouble;
   } else if (leg.end == End::time) {
-    search.outcome = Outcome::no_event;
+    search.outcome = SearchOutcome::no_event;
   } else if (leg.end == End::edge ? leg.edge != expected : expected >= 0) {
-    search.outcome = Outcome::other_event;
+    search.outcome = SearchOutcome::other_event;
   } else {
     return true;
   }
@@ -113,7 +113,7 @@ bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N
     worst =
         std::fmax(worst, gap.template lpNorm<Eigen::Infinity>() / (1.0 + next.x.template lpNorm<Eigen::Infinity>()));
     if (!std::isfinite(worst)) {
-      search.outcome = Outcome::trouble;
+      search.outcome = SearchOutcome::trouble;
       search.status = Status::diverged;
       return false;
     }
@@ -124,7 +124,7 @@ bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N
 }  // namespace orbit
 
 // Newton's method on a cycle whose edges, and states x on their guards, are a guess. The step of the integrator is
-// dt [s]; a leg may take `longest` [s]. On Outcome::found the maps of `cycle` are those of the limit cycle.
+// dt [s]; a leg may take `longest` [s]. On SearchOutcome::found the maps of `cycle` are those of the limit cycle.
 template <class M, int N, class Watch = Unwatched>
 Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch& watch = {}) noexcept {
   constexpr int max_iterations = 40;
@@ -169,17 +169,18 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     if (!better) {
       if (search.residual <= floor) break;
       const int iterations = search.iterations;
-      if (tried.outcome != Outcome::no_cycle) search = tried;  // what stopped the smallest step
-      if (search.outcome == Outcome::no_cycle) search.outcome = Outcome::no_convergence;
+      if (tried.outcome != SearchOutcome::no_cycle) search = tried;  // what stopped the smallest step
+      if (search.outcome == SearchOutcome::no_cycle) search.outcome = SearchOutcome::no_convergence;
       search.iterations = iterations;
       return search;
     }
     search = tried;
     cycle = trial;
   }
-  search.outcome = search.residual <= floor ? Outcome::found : Outcome::no_convergence;
-  if (search.outcome == Outcome::found && !(cycle.period() > fewest * dt)) search.outcome = Outcome::collapsed;
-  if (search.outcome == Outcome::found) {
+  search.outcome = search.residual <= floor ? SearchOutcome::found : SearchOutcome::no_convergence;
+  if (search.outcome == SearchOutcome::found && !(cycle.period() > fewest * dt))
+    search.outcome = SearchOutcome::collapsed;
+  if (search.outcome == SearchOutcome::found) {
     search.status = Status::ok;
     for (int j = 0; j < cycle.count; ++j) search.status = worse(search.status, cycle[j].leg.status);
   }
@@ -205,7 +206,7 @@ Search first_cycle(const M& m, const Point<M>& start, double dt, double longest,
     if (skip <= 0 && cycle.count > 0) {
       cycle[cycle.count - 1].leg = leg;
       if (cycle[0].edge == edge && ++again == returns) {
-        search.outcome = Outcome::found;
+        search.outcome = SearchOutcome::found;
         return search;
       }
     }
@@ -258,14 +259,14 @@ Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N
     Search search;
     for (int round = 0; round < 2; ++round) {
       search = first_cycle(m, start, period / static_cast<double>(ticks), longest, skip, returns, trial);
-      if (search.outcome != Outcome::found) break;
+      if (search.outcome != SearchOutcome::found) break;
       period = trial.period();
       longest = 8.0 * period;
     }
-    const bool runs = search.outcome == Outcome::found;
+    const bool runs = search.outcome == SearchOutcome::found;
     if (runs) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
-    const bool found = search.outcome == Outcome::found;
-    const bool lost = best.outcome != Outcome::found;
+    const bool found = search.outcome == SearchOutcome::found;
+    const bool lost = best.outcome != SearchOutcome::found;
     // Of two failures, what the machine does says more than what Newton's method does.
     if (skip == 0 || (found && (lost || !is_repeated<M>(trial))) || (lost && ran && !runs)) {
       best = search;
@@ -314,7 +315,7 @@ Search follow_cycle(const M& from, const M& to, std::int64_t ticks, Cycle<N>& cy
     }
     const double period = cycle.period();
     const Search tried = shoot(between(s), period / static_cast<double>(ticks), 8.0 * period, trial);
-    if (tried.outcome == Outcome::found) {
+    if (tried.outcome == SearchOutcome::found) {
       before = cycle;
       before_at = reached;
       cycle = trial;

@@ -25,10 +25,81 @@ double correlation(const std::vector<double>& a, const std::vector<double>& b, s
   for (std::size_t i = 0; i < a.size(); ++i) sum += (a[i] - ma.mean) * (b[(i + shift) % b.size()] - mb.mean);
   return sum / (static_cast<double>(a.size()) * ma.deviation * mb.deviation);
 }
+// How much of the response to its input a record holds: measured over modelled, by least squares over all segments, the
+// mean cycle taken out of both, so that what the input does not drive says nothing. `scale` of the input is played.
+struct Gain {
+  double value = 0.0, error = 0.0;
+  bool known = false;
+};
+Gain input_gain(const Problem& p, const Data& data, double scale) {
+  const Machine& m = *p.machine;
+  const std::size_t ny = m.outputs.size(), rows = static_cast<std::size_t>(data.sections) * ny;
+  std::vector<double> values;
+  for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
+  double both = 0.0, square = 0.0;
+  bool ran = false;
+  for (const Segment& s : data.segments) {
+    Segment driven = s, still = s;
+    for (double& u : driven.u) u *= scale;
+    std::fill(still.u.begin(), still.u.end(), 0.0);
+    if (still.u == s.u) continue;
+    const Response with = m.values_only(values, driven.course(p.h_max), s.guess);
+    const Response without = m.values_only(values, still.course(p.h_max), s.guess);
+    if (!usable(with.status) || !usable(without.status)) continue;
+    ran = true;
+    const auto n = static_cast<std::size_t>(s.y.size());
+    std::vector<double> mean_y(rows, 0.0), mean_d(rows, 0.0), count(rows, 0.0);
+    for (std::size_t i = n / 4; i < n; ++i) {  // later than what the guessed start leaves
+      if (!(s.count[static_cast<Eigen::Index>(i)] > 0.0)) continue;
+      mean_y[i % rows] += s.y[static_cast<Eigen::Index>(i)] - without.y[i];
+      mean_d[i % rows] += with.y[i] - without.y[i];
+      count[i % rows] += 1.0;
+    }
+    for (std::size_t i = n / 4; i < n; ++i) {
+      const double c = s.count[static_cast<Eigen::Index>(i)];
+      if (!(c > 0.0)) continue;
+      const double w =
+          c / (data.noise[static_cast<Eigen::Index>(i % ny)] * data.noise[static_cast<Eigen::Index>(i % ny)]);
+      const double y = s.y[static_cast<Eigen::Index>(i)] - without.y[i] - mean_y[i % rows] / count[i % rows];
+      const double d = with.y[i] - without.y[i] - mean_d[i % rows] / count[i % rows];
+      both += w * y * d;
+      square += w * d * d;
+    }
+  }
+  Gain g;
+  g.known = ran && square > 0.0;
+  if (g.known) {
+    g.value = both / square;
+    g.error = 1.0 / std::sqrt(square);
+  }
+  return g;
+}
+
 std::string text(double x) {
   char s[32];
   std::snprintf(s, sizeof s, "%.3g", x);
   return s;
+}
+
+// Does the machine answer its input as the model does, or another sign or unit of it?
+void refuse_foreign_input(const Problem& p, const Data& data, const std::string& record) {
+  if (data.sections == 0 || !data.noise_measured || p.machine->inputs.size() != 1) return;
+  const std::string name = p.machine->inputs.front().name, unit = p.machine->inputs.front().unit;
+  for (const double scale : {1.0, 1e-3}) {
+    const Gain g = input_gain(p, data, scale);
+    if (!g.known) continue;  // too much for the model to follow: perhaps a thousandth
+    if (std::abs(g.value) < 10.0 * g.error) return;
+    if (g.value < -0.3) {
+      throw RecordError(record, "the machine answers " + name + " the other way round (gain " + text(g.value) + ")",
+                        "reverse the sign of the column");
+    }
+    const double ratio = scale * g.value, power = std::pow(10.0, std::round(std::log10(std::abs(ratio))));
+    if (power != 1.0 && std::abs(std::log10(ratio / power)) < 0.15) {
+      throw RecordError(record, "the machine answers " + name + " " + text(ratio) + " times as the declared model does",
+                        "it looks like another unit: multiply the column by " + text(power) + " to have it in " + unit);
+    }
+    return;
+  }
 }
 
 }  // namespace
@@ -67,6 +138,7 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
       model[j][n] /= std::max(1.0, runs[j][n]);
     }
   }
+  refuse_foreign_input(p, data, record);
   if (runs[0][0] == 0.0) {
     throw RecordError(record,
                       "the declared model, driven as recorded, leaves its charts: the stimulus is too large for it",

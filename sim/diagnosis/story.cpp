@@ -66,7 +66,7 @@ void tell(Diagnosis& d) {
   if (!d.rivals.empty()) {
     std::string n;
     for (const auto& r : d.rivals.front().names) n += (n.empty() ? "" : " + ") + r;
-    s.push_back(format("Next best: %s (BIC %+.1f).", n.c_str(), d.rivals.front().bic));
+    s.push_back(format("Next best: %s (BIC %+.1f).", n.empty() ? "no effect" : n.c_str(), d.rivals.front().bic));
   }
   if (d.verdict == Verdict::unexplained && d.candidates.size() > 0) {
     s.push_back(format("Closest candidate: %s (score %.1f), which does not leave noise.", d.candidates[0].name.c_str(),
@@ -77,7 +77,7 @@ void tell(Diagnosis& d) {
                        d.heldout.before, d.heldout.refit, d.effects.empty() ? "final" : "with the effect",
                        d.heldout.after));
   }
-  if (!d.effects.empty()) {
+  if (!d.effects.empty() && std::isfinite(d.heldout.after)) {
     s.push_back(format(
         "That is %.1f %% of the excess over the noise that refitting alone leaves (%.2f %% of the declared model's).",
         100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));

@@ -136,23 +136,23 @@ class OrbitSearch {
     const bool directly = o_.model.settings.empty() || !o_.start.empty() || o_.returns > 1;
     if (directly) {
       r_.search = find_cycle(m_, start(), o_.model.ticks, cycle, o_.returns);
-      if (r_.search.outcome == Outcome::found) return;
+      if (r_.search.outcome == SearchOutcome::found) return;
     }
     if (o_.model.settings.empty()) fail("no limit cycle found: " + explain(r_.search, r_.edges));
     const M usual{};
     double reached = 0.0;
     Search along = find_cycle(usual, start(), o_.model.ticks, cycle, o_.returns);
-    if (along.outcome == Outcome::found) along = follow_cycle(usual, m_, o_.model.ticks, cycle, reached);
-    if (along.outcome == Outcome::found) {
+    if (along.outcome == SearchOutcome::found) along = follow_cycle(usual, m_, o_.model.ticks, cycle, reached);
+    if (along.outcome == SearchOutcome::found) {
       r_.search = along;
       return;
     }
     std::string lost = "lost at once: ";
     if (reached > 0.0) lost = "lost after " + number(100.0 * reached, "%.3g") + " % of the way, where ";
     lost += explain(along, r_.edges);
-    if (reached > 0.0 && along.outcome == Outcome::no_convergence) lost += near_fold(cycle);
+    if (reached > 0.0 && along.outcome == SearchOutcome::no_convergence) lost += near_fold(cycle);
     if (!directly) r_.search = find_cycle(m_, start(), o_.model.ticks, cycle, o_.returns);
-    if (r_.search.outcome != Outcome::found) {
+    if (r_.search.outcome != SearchOutcome::found) {
       std::string again = explain(r_.search, r_.edges);
       if (const std::string known = "from the start "; again.rfind(known, 0) == 0) again.erase(0, known.size());
       fail("no limit cycle found at these parameters: followed from the default ones it is " + lost +
@@ -166,7 +166,7 @@ class OrbitSearch {
     r_.fine = r_.coarse;
     const double patience = 8.0 * r_.coarse.period();
     const Search half = shoot(m_, r_.search.dt / 2.0, patience, r_.fine);
-    if (half.outcome != Outcome::found) {
+    if (half.outcome != SearchOutcome::found) {
       fail("with half the step " + explain(half, r_.edges) + ": an event was missed; try --ticks " +
            std::to_string(4 * o_.model.ticks));
     }

@@ -8,7 +8,7 @@
 #include "tests/support/orbit_laws.hpp"
 
 using namespace saltus;
-using saltus::Outcome;
+using saltus::SearchOutcome;
 
 namespace {
 
@@ -24,20 +24,20 @@ TEST_CASE("orbit report: every way to fail has a sentence of its own, and succes
   s.after = 1;
   s.met = 1;
   s.expected = 0;
-  for (const Outcome o : {Outcome::no_convergence, Outcome::other_event, Outcome::no_event, Outcome::fell,
-                          Outcome::no_cycle, Outcome::collapsed}) {
+  for (const SearchOutcome o : {SearchOutcome::no_convergence, SearchOutcome::other_event, SearchOutcome::no_event,
+                                SearchOutcome::fell, SearchOutcome::no_cycle, SearchOutcome::collapsed}) {
     s.outcome = o;
     told.insert(explain(s, edges));
   }
   CHECK(told.size() == 6);
-  s.outcome = Outcome::trouble;
+  s.outcome = SearchOutcome::trouble;
   for (const Status status : {Status::zeno, Status::escaped, Status::diverged, Status::failed}) {
     s.status = status;
     told.insert(explain(s, edges));
   }
   CHECK(told.size() == 10);
   CHECK(told.count("") == 0);
-  s.outcome = Outcome::found;
+  s.outcome = SearchOutcome::found;
   CHECK(explain(s, edges).empty());
 
   OrbitReport r;
@@ -62,11 +62,11 @@ TEST_CASE("orbit report: a sentence names the events it is about") {
   s.after = 1;
   s.expected = 0;
   s.met = 1;
-  s.outcome = Outcome::other_event;
+  s.outcome = SearchOutcome::other_event;
   CHECK(explain(s, edges) ==
         "after FootStrike FootStrike comes where KneeStrike should: the gait changes its order of events");
   s.after = -1;
-  s.outcome = Outcome::fell;
+  s.outcome = SearchOutcome::fell;
   CHECK(explain(s, edges) == "from the start it falls");
 }
 
@@ -80,7 +80,7 @@ TEST_CASE("orbit report: a walker that falls, and a ball that comes to rest, are
   BouncingBall<> ball;
   ball.A = 0.0;  // the table rests, and so does the ball at last
   const Search rest = find_cycle(ball, start_of(ball), 256, cycle);
-  CHECK(rest.outcome != Outcome::found);
+  CHECK(rest.outcome != SearchOutcome::found);
   CHECK(says(explain(rest, {"Impact"}), "comes to rest"));
 }
 

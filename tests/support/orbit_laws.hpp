@@ -23,9 +23,9 @@ struct FoundCycle {
 
 template <class M>
 void halve(const M& m, FoundCycle& r) {
-  REQUIRE(r.search.outcome == saltus::Outcome::found);
+  REQUIRE(r.search.outcome == saltus::SearchOutcome::found);
   r.fine = r.coarse;
-  REQUIRE(shoot(m, r.search.dt / 2.0, 8.0 * r.coarse.period(), r.fine).outcome == saltus::Outcome::found);
+  REQUIRE(shoot(m, r.search.dt / 2.0, 8.0 * r.coarse.period(), r.fine).outcome == saltus::SearchOutcome::found);
   r.analysis = analyse(r.coarse, r.fine);
 }
 
@@ -45,7 +45,7 @@ std::unique_ptr<FoundCycle> cycle_of(const M& m) {
 template <class M>
 std::unique_ptr<FoundCycle> followed(const M& usual, const M& m, std::int64_t ticks = 512) {
   auto r = std::make_unique<FoundCycle>();
-  REQUIRE(find_cycle(usual, start_of(usual), ticks, r->coarse).outcome == saltus::Outcome::found);
+  REQUIRE(find_cycle(usual, start_of(usual), ticks, r->coarse).outcome == saltus::SearchOutcome::found);
   double reached = 0.0;
   r->search = follow_cycle(usual, m, ticks, r->coarse, reached);
   CHECK(reached == 1.0);
@@ -123,13 +123,13 @@ template <class M>
 Halved halved(const M& m, std::int64_t ticks) {
   WideCycle cycle;
   const Search s = find_cycle(m, start_of(m), ticks, cycle);
-  REQUIRE(s.outcome == saltus::Outcome::found);
+  REQUIRE(s.outcome == saltus::SearchOutcome::found);
   std::array<Eigen::VectorXd, 3> state;
   std::array<Eigen::VectorXcd, 3> spectrum;
   for (std::size_t i = 0; i < 3; ++i) {
     const double h = s.dt / static_cast<double>(1 << i);
     const WideCycle wide = cycle;
-    REQUIRE(shoot(m, h, 8.0 * cycle.period(), cycle).outcome == saltus::Outcome::found);
+    REQUIRE(shoot(m, h, 8.0 * cycle.period(), cycle).outcome == saltus::SearchOutcome::found);
     state[i] = Eigen::VectorXd(cycle.count * (orbit_width + 1));
     for (int j = 0; j < cycle.count; ++j) {
       state[i].segment(j * (orbit_width + 1), orbit_width + 1) << cycle[j].x, cycle[j].leg.duration;

@@ -32,10 +32,10 @@ template <class M>
 std::unique_ptr<Pair> pair_of(const M& m) {
   auto p = std::make_unique<Pair>();
   const Search s = find_cycle(m, start_of(m), ticks, p->coarse);
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   p->fine = p->coarse;
   p->dt = s.dt;
-  REQUIRE(shoot(m, s.dt / 2.0, 8.0 * p->coarse.period(), p->fine).outcome == Outcome::found);
+  REQUIRE(shoot(m, s.dt / 2.0, 8.0 * p->coarse.period(), p->fine).outcome == SearchOutcome::found);
   return p;
 }
 

@@ -11,7 +11,7 @@ TEST_CASE("Definition 4: the second round of a cycle is the first one again") {
   const worlds::Metronome<> m;
   Cycle<2> cycle;
   const Search s = find_cycle(m, start_of(m), 256, cycle);
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   const Periodicity r = repeat(m, s.dt, cycle);
   CHECK(r.same_order);
   CHECK(r.time < 1e-12);
@@ -26,7 +26,7 @@ TEST_CASE("Definition 4: another order of events shows") {
   Strobe<> m;
   Cycle<2> cycle;
   const Search s = find_cycle(m, start_of(m), 64, cycle);
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   m.limit = 0.5;
   CHECK_FALSE(repeat(m, s.dt, cycle).same_order);
 }

@@ -34,7 +34,7 @@ TEST_CASE("fixed points are found where the map has them, stable or not") {
     m.a = a;
     Cycle<2> cycle;
     const Search s = find_cycle(m, from(fixed_point(a) + 0.03), ticks, cycle);
-    REQUIRE(s.outcome == Outcome::found);
+    REQUIRE(s.outcome == SearchOutcome::found);
     CHECK(s.residual < 1e-13);
     CHECK(s.iterations < 10);
     CHECK(cycle.count == 1);
@@ -49,7 +49,7 @@ TEST_CASE("cycles that close after several passages are found too, and a shorter
   m.a = 3.2;
   Cycle<2> cycle;
   const Search s = find_cycle(m, from(0.5), ticks, cycle, 2);
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   REQUIRE(cycle.count == 2);
   const double root = std::sqrt((3.2 - 3.0) * (3.2 + 1.0));  // the 2-cycle of the logistic map
   const double x1 = (3.2 + 1.0 + root) / 6.4;
@@ -60,7 +60,7 @@ TEST_CASE("cycles that close after several passages are found too, and a shorter
   CHECK_FALSE(is_repeated<Strobe<>>(cycle));
 
   m.a = 2.5;  // there is none: the fixed point, twice
-  REQUIRE(find_cycle(m, from(0.55), ticks, cycle, 2).outcome == Outcome::found);
+  REQUIRE(find_cycle(m, from(0.55), ticks, cycle, 2).outcome == SearchOutcome::found);
   CHECK(is_repeated<Strobe<>>(cycle));
 }
 
@@ -68,7 +68,7 @@ TEST_CASE("from far away a stable cycle is found by letting the transient pass")
   Strobe<> m;
   m.a = 2.9;
   Cycle<2> cycle;
-  REQUIRE(find_cycle(m, from(0.02), ticks, cycle).outcome == Outcome::found);
+  REQUIRE(find_cycle(m, from(0.02), ticks, cycle).outcome == SearchOutcome::found);
   const double x = cycle[0].x[0];
   CHECK((std::abs(x - fixed_point(2.9)) < 1e-12 || std::abs(x) < 1e-12));  // Newton may take the unstable one, x = 0
 }
@@ -77,31 +77,31 @@ TEST_CASE("every way to find no cycle has its name") {
   Strobe<> m;
   Cycle<2> cycle;
   m.never = 1.0;
-  CHECK(find_cycle(m, from(0.55), ticks, cycle).outcome == Outcome::no_event);
+  CHECK(find_cycle(m, from(0.55), ticks, cycle).outcome == SearchOutcome::no_event);
   m = Strobe<>{};
   m.height = 0.59;  // the fixed point 0.6 lies above
-  CHECK(find_cycle(m, from(0.55), ticks, cycle).outcome == Outcome::fell);
+  CHECK(find_cycle(m, from(0.55), ticks, cycle).outcome == SearchOutcome::fell);
   m = Strobe<>{};
   m = Strobe<>{};
   m.a = 1.0;
   m.c = 0.3;  // x -> x - x^2 + 0.3: fixed points +-sqrt(0.3)
-  REQUIRE(find_cycle(m, from(0.5), ticks, cycle).outcome == Outcome::found);
+  REQUIRE(find_cycle(m, from(0.5), ticks, cycle).outcome == SearchOutcome::found);
   CHECK(std::abs(cycle[0].x[0] - std::sqrt(0.3)) < 1e-12);
   m.c = -0.1;  // none
   const Search none = find_cycle(m, from(0.5), ticks, cycle);
-  CHECK(none.outcome != Outcome::found);
-  CHECK(none.outcome != Outcome::fell);
+  CHECK(none.outcome != SearchOutcome::found);
+  CHECK(none.outcome != SearchOutcome::fell);
   worlds::Ball<> ball;  // bounces accumulate at rest
   Cycle<2> rest;
-  CHECK(find_cycle(ball, start_of(ball), ticks, rest).outcome != Outcome::found);
+  CHECK(find_cycle(ball, start_of(ball), ticks, rest).outcome != SearchOutcome::found);
 }
 
 TEST_CASE("a cycle of a few steps is none: it stands still, or chatters") {
   const Strobe<> m;  // one event a second
   Cycle<2> cycle;
-  REQUIRE(find_cycle(m, start_of(m), ticks, cycle).outcome == Outcome::found);
-  CHECK(shoot(m, 1.0 / 9.0, 8.0, cycle).outcome == Outcome::found);
-  CHECK(shoot(m, 1.0 / 7.0, 8.0, cycle).outcome == Outcome::collapsed);
+  REQUIRE(find_cycle(m, start_of(m), ticks, cycle).outcome == SearchOutcome::found);
+  CHECK(shoot(m, 1.0 / 9.0, 8.0, cycle).outcome == SearchOutcome::found);
+  CHECK(shoot(m, 1.0 / 7.0, 8.0, cycle).outcome == SearchOutcome::collapsed);
 }
 
 TEST_CASE("continuation follows a cycle through its loss of stability") {
@@ -109,9 +109,9 @@ TEST_CASE("continuation follows a cycle through its loss of stability") {
   Strobe<> far;
   far.a = 3.9;
   Cycle<2> cycle;
-  REQUIRE(find_cycle(usual, start_of(usual), ticks, cycle).outcome == Outcome::found);
+  REQUIRE(find_cycle(usual, start_of(usual), ticks, cycle).outcome == SearchOutcome::found);
   double reached = 0.0;
-  REQUIRE(follow_cycle(usual, far, ticks, cycle, reached).outcome == Outcome::found);
+  REQUIRE(follow_cycle(usual, far, ticks, cycle, reached).outcome == SearchOutcome::found);
   CHECK(reached == 1.0);
   CHECK(std::abs(cycle[0].x[0] - fixed_point(3.9)) < 1e-12);
 }
@@ -119,7 +119,7 @@ TEST_CASE("continuation follows a cycle through its loss of stability") {
 TEST_CASE("continuation says where the order of events changes, where it falls, and where the cycle ends") {
   Cycle<2> found;
   const Strobe<> usual;
-  REQUIRE(find_cycle(usual, start_of(usual), ticks, found).outcome == Outcome::found);
+  REQUIRE(find_cycle(usual, start_of(usual), ticks, found).outcome == SearchOutcome::found);
   Strobe<> limited = usual;
   limited.limit = 0.7;
   Strobe<> far = limited;
@@ -127,7 +127,7 @@ TEST_CASE("continuation says where the order of events changes, where it falls, 
   Cycle<2> cycle = found;
   double reached = 0.0;
   Search s = follow_cycle(limited, far, ticks, cycle, reached);
-  CHECK(s.outcome == Outcome::other_event);
+  CHECK(s.outcome == SearchOutcome::other_event);
   CHECK(s.after == 0);
   CHECK(s.expected == 0);
   CHECK(s.met == 1);
@@ -140,7 +140,7 @@ TEST_CASE("continuation says where the order of events changes, where it falls, 
   far.a = 3.9;
   cycle = found;
   s = follow_cycle(tall, far, ticks, cycle, reached);
-  CHECK(s.outcome == Outcome::fell);
+  CHECK(s.outcome == SearchOutcome::fell);
   CHECK(std::abs(reached - (10.0 / 3.0 - 2.5) / 1.4) < 2e-3);
 
   // x -> x - x^2 + c has fixed points +-sqrt(c): a fold at c = 0.
@@ -149,9 +149,9 @@ TEST_CASE("continuation says where the order of events changes, where it falls, 
   folding.c = 0.3;
   far = folding;
   far.c = -0.1;
-  REQUIRE(find_cycle(folding, from(0.5), ticks, cycle).outcome == Outcome::found);
+  REQUIRE(find_cycle(folding, from(0.5), ticks, cycle).outcome == SearchOutcome::found);
   s = follow_cycle(folding, far, ticks, cycle, reached);
-  CHECK(s.outcome == Outcome::no_convergence);
+  CHECK(s.outcome == SearchOutcome::no_convergence);
   CHECK(reached <= 0.75);
   CHECK(reached > 0.74);
 }
@@ -161,10 +161,10 @@ TEST_CASE("a closed orbit without events closes on a section") {
   Cycle<2> cycle;
   const double dt = 1e-3;
   Search s = first_cycle(m, start_of(m), dt, 4.0, 0, 1, cycle, Phase{});
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   REQUIRE(cycle.count == 3);
   s = shoot(m, dt, 4.0, cycle, Phase{});
-  REQUIRE(s.outcome == Outcome::found);
+  REQUIRE(s.outcome == SearchOutcome::found);
   int sections = 0;
   for (int j = 0; j < 3; ++j) sections += cycle[j].edge < 0 ? 1 : 0;
   CHECK(sections == 1);
@@ -184,6 +184,6 @@ TEST_CASE("a search does not allocate") {
   const Search s = find_cycle(m, from(0.55), ticks, cycle);
   const Search t = follow_cycle(m, far, ticks, cycle, reached);
   CHECK(allocated() == 0);
-  CHECK(s.outcome == Outcome::found);
-  CHECK(t.outcome == Outcome::found);
+  CHECK(s.outcome == SearchOutcome::found);
+  CHECK(t.outcome == SearchOutcome::found);
 }

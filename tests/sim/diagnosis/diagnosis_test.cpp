@@ -110,6 +110,12 @@ TEST_CASE("records that are not of this machine are refused with the reason", "[
   std::swap(r.outputs[0].values, r.outputs[1].values);
   refused(r, "swap the two columns");
   r = good;
+  for (double& u : r.inputs[0].values) u = -u;
+  refused(r, "reverse the sign of the column");
+  r = good;
+  for (double& u : r.inputs[0].values) u *= 1000.0;
+  refused(r, "multiply the column by 0.001 to have it in N");
+  r = good;
   r.outputs.pop_back();
   refused(r, "no output 'v_M'");
   r = good;

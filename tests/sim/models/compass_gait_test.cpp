@@ -213,15 +213,15 @@ TEST_CASE("compass gait: one that falls, or never takes a step, is not a cycle")
   const CompassGait<> p;
   WideCycle cycle;
   const auto search = [&](const Vec<4>& x) { return find_cycle(p, from(x), 512, cycle).outcome; };
-  CHECK(search({-0.32, 0.22, -0.4, 0.3}) == Outcome::fell);  // backwards
-  CHECK(search({0.2, 0.2, 0.0, 0.0}) != Outcome::found);
+  CHECK(search({-0.32, 0.22, -0.4, 0.3}) == SearchOutcome::fell);  // backwards
+  CHECK(search({0.2, 0.2, 0.0, 0.0}) != SearchOutcome::found);
   // Legs together it stands still, or trembles on the spot: events without end, but no cycle.
   for (const double slower : {0.9, 0.95}) {
     Vec<4> x = start_of(p).x;
     x.tail<2>() *= slower;
     INFO(slower);
-    const Outcome outcome = search(x);
-    CHECK((outcome != Outcome::found || cycle.period() > 0.5));
+    const SearchOutcome outcome = search(x);
+    CHECK((outcome != SearchOutcome::found || cycle.period() > 0.5));
   }
 }
 
@@ -237,5 +237,5 @@ TEST_CASE("compass gait: its search does not allocate") {
   const test::AllocationCount allocated;
   const Search s = find_cycle(p, start_of(p), 256, cycle);
   CHECK(allocated() == 0);
-  CHECK(s.outcome == Outcome::found);
+  CHECK(s.outcome == SearchOutcome::found);
 }

@@ -355,7 +355,7 @@ TEST_CASE("kneed biped: its search and analysis do not allocate") {
   const Periodicity again = repeat(p, period / 256.0, c->fine);
   const auto sample = sample_reset(p, c->fine[0], 1e-3);
   CHECK(allocated() == 0);
-  CHECK(search.outcome == Outcome::found);
+  CHECK(search.outcome == SearchOutcome::found);
   CHECK(again.same_order);
   CHECK(sample.points == 12);
 }

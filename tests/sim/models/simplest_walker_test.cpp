@@ -133,11 +133,11 @@ TEST_CASE("simplest walker: pushed too little or the wrong way it falls back, an
   const auto search = [&](const Vec<4>& x) {
     return find_cycle(p, at<SimplestWalker<>>(Swing{}, x), 512, cycle).outcome;
   };
-  CHECK(search({0.2, -0.15, 0.4, -0.016}) == Outcome::fell);
-  CHECK(search({0.2, 0.2, 0.4, -0.016}) == Outcome::fell);
-  REQUIRE(find_cycle(p, start_of(p), 512, cycle).outcome == Outcome::found);
+  CHECK(search({0.2, -0.15, 0.4, -0.016}) == SearchOutcome::fell);
+  CHECK(search({0.2, 0.2, 0.4, -0.016}) == SearchOutcome::fell);
+  REQUIRE(find_cycle(p, start_of(p), 512, cycle).outcome == SearchOutcome::found);
   double reached = 0.0;
-  CHECK(follow_cycle(p, with_slope(-0.001), 512, cycle, reached).outcome != Outcome::found);
+  CHECK(follow_cycle(p, with_slope(-0.001), 512, cycle, reached).outcome != SearchOutcome::found);
   CHECK(reached > 0.5);
   CHECK(reached < 0.91);
   CHECK(followed(p, with_slope(0.0))->analysis.doubt == Doubt::not_isolated);  // the last one of no length at all
