@@ -57,7 +57,8 @@ T tanh(T x) noexcept {
   const exponential::Reduced r = exponential::reduce(2.0 * d);
   const double scale = exponential::power_of_two(r.power);
   const double e = scale * r.rise + (scale - 1.0);  // exp(2 |x|) - 1
-  return static_cast<T>(std::copysign(e / (e + 2.0), static_cast<double>(x)));
+  const double t = e > 2.0 ? 1.0 - 2.0 / (e + 2.0) : e / (e + 2.0);  // near 1 the first never falls
+  return static_cast<T>(std::copysign(t, static_cast<double>(x)));
 }
 
 }  // namespace saltus
