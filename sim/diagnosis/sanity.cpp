@@ -36,6 +36,8 @@ Gain input_gain(const Problem& p, const Data& data, double scale) {
   const std::size_t ny = m.outputs.size(), rows = static_cast<std::size_t>(data.sections) * ny;
   std::vector<double> values;
   for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
+  const auto orbit = m.cycle(values, 60, data.sections);
+  if (orbit.empty()) return {};
   double both = 0.0, square = 0.0;
   bool ran = false;
   for (const Segment& s : data.segments) {
@@ -43,13 +45,13 @@ Gain input_gain(const Problem& p, const Data& data, double scale) {
     for (double& u : driven.u) u *= scale;
     std::fill(still.u.begin(), still.u.end(), 0.0);
     if (still.u == s.u) continue;
-    const Response with = m.values_only(values, driven.course(p.h_max), s.guess);
-    const Response without = m.values_only(values, still.course(p.h_max), s.guess);
-    if (!usable(with.status) || !usable(without.status)) continue;
+    const Response with = m.values_only(values, driven.course(p.h_max), orbit.front());
+    const Response without = m.values_only(values, still.course(p.h_max), orbit.front());
+    if (!usable(with.status) || !usable(without.status)) return {};
     ran = true;
     const auto n = static_cast<std::size_t>(s.y.size());
     std::vector<double> mean_y(rows, 0.0), mean_d(rows, 0.0), count(rows, 0.0);
-    for (std::size_t i = n / 4; i < n; ++i) {  // later than what the guessed start leaves
+    for (std::size_t i = n / 4; i < n; ++i) {  // later than what is left of the start, the model's cycle
       if (!(s.count[static_cast<Eigen::Index>(i)] > 0.0)) continue;
       mean_y[i % rows] += s.y[static_cast<Eigen::Index>(i)] - without.y[i];
       mean_d[i % rows] += with.y[i] - without.y[i];
@@ -87,7 +89,8 @@ void refuse_foreign_input(const Problem& p, const Data& data, const std::string&
   const std::string name = p.machine->inputs.front().name, unit = p.machine->inputs.front().unit;
   for (const double scale : {1.0, 1e-3}) {
     const Gain g = input_gain(p, data, scale);
-    if (!g.known) continue;  // too much for the model to follow: perhaps a thousandth
+    if (!g.known || (scale == 1.0 && std::abs(g.value) < 0.1))
+      continue;  // too much for the model: perhaps a thousandth
     if (std::abs(g.value) < 10.0 * g.error) return;
     if (g.value < -0.3) {
       throw RecordError(record, "the machine answers " + name + " the other way round (gain " + text(g.value) + ")",
