@@ -100,7 +100,8 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
     if (data.sections == 0) continue;
 
     // Deviations of the repeats in the same units: sqrt(n / (n - 1)) d_r sqrt(n) / noise sums to n - 1 of them.
-    const double n = static_cast<double>(repeats);
+    // A sample that was missed in some repeats has that much less to tell of the noise.
+    const double told = (s.count.array() - 1.0).max(0.0).mean();  // of n repeats n - 1 where nothing is missing
     std::vector<Eigen::VectorXd> d;
     if (repeats > 1) {
       for (const auto& x : s.deviation) {
@@ -115,7 +116,7 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
     for (const auto& x : d) {
       mean_noise += (mean_cycle(data, x) * std::sqrt(cycles)).squaredNorm();
     }
-    if (repeats > 1) mean_noise_freedom += (n - 1.0) * static_cast<double>(data.sections * ny);
+    if (repeats > 1) mean_noise_freedom += told * static_cast<double>(data.sections * ny);
 
     const auto& excited = s.lines;
     if (!excited.empty() && data.period_cycles > 0 && data.repeats > 1) {
@@ -123,7 +124,7 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
       lines.residual += line_power(data, r, excited, &freedom);
       lines.freedom += freedom;
       for (const auto& x : d) lines.noise += line_power(data, x, excited, nullptr);
-      if (repeats > 1) lines.noise_freedom += (n - 1.0) * freedom;
+      if (repeats > 1) lines.noise_freedom += told * freedom;
     }
   }
   all.freedom -= static_cast<double>(f.free.size());
