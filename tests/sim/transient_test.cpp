@@ -73,7 +73,7 @@ TEST_CASE("five settling cycles with the transient taken out are worth forty dro
 
 TEST_CASE("in noise too, and the first period on is usable", "[transient]") {
   double removed = 0.0, forty = 0.0;
-  for (const std::uint64_t seed : {1, 2, 3}) {
+  for (const std::uint64_t seed : {1U, 2U, 3U}) {
     Measured five = measure(5, 1e-4, seed);
     REQUIRE(remove_transient(five.record, 2).removed);
     removed += error_of(five);
