@@ -79,7 +79,7 @@ TEST_CASE("an experimenter waits for a rig, is refused a foreign model, a held m
 TEST_CASE("what a rig does that the model does not is cried out while the experiment runs, with chart and phase") {
   SALTUS_OWN_NETWORK();
   const Folder f;
-  Background rig(f, "rig", short_rig({"--noise", "0.001,0.006", "--effect", "viscous_drag@body=0.1"}));
+  Background rig(f, "rig", short_rig({"--effect", "viscous_drag@body=0.1"}));
   REQUIRE(rig.says("lockstep"));
   const auto done = f.run(short_campaign({"--link", "udpm://", "--watch", "0.001,0.006", "--json", "a.json"}));
   INFO(done.err);
