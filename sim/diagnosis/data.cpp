@@ -159,6 +159,78 @@ void refine_noise(Data& data) {
   }
 }
 
+// Variance of a measurement's rounding to steps q that is the same in each of many where what is rounded spreads by the
+// standard deviation sigma: that of the sawtooth of rounding, smoothed. q^2/12 where nothing spreads.
+double common_rounding(double q, double sigma) {
+  constexpr double pi = 3.14159265358979323846;
+  double sum = 0.0;
+  for (int k = 1; k <= 32; ++k) sum += std::exp(-std::pow(2.0 * pi * k * sigma / q, 2)) / (k * k);
+  // What 32 terms leave of the series matters only where there is next to no spread.
+  return std::min(sum * q * q / (2.0 * pi * pi), q * q / 12.0);
+}
+
+// The standard deviation before rounding, from the variance after it: sigma^2 + q^2/12 less what all of them have in
+// common.
+double noise_before_rounding(double q, double shown) {
+  double low = 0.0, high = std::sqrt(shown) + q;
+  for (int i = 0; i < 60; ++i) {
+    const double sigma = 0.5 * (low + high);
+    (sigma * sigma + q * q / 12.0 - common_rounding(q, sigma) < shown ? low : high) = sigma;
+  }
+  return low;
+}
+
+// Variance of what an output does from cycle to cycle at the same section, over a segment.
+double cycle_variance(const Segment& s, Eigen::Index output, Eigen::Index outputs, int sections) {
+  const auto width = static_cast<std::size_t>(sections);
+  std::vector<double> n(width), sum(width);
+  double squares = 0.0, freedom = 0.0;
+  const auto each = [&](auto&& f) {
+    for (Eigen::Index i = output; i < s.y.size(); i += outputs) {
+      if (s.count[i] > 0.0) f(static_cast<std::size_t>(i / outputs) % width, s.y[i]);
+    }
+  };
+  each([&](std::size_t at, double y) {
+    n[at] += 1.0;
+    sum[at] += y;
+  });
+  each([&](std::size_t at, double y) {
+    squares += std::pow(y - sum[at] / n[at], 2);
+    freedom += 1.0 - 1.0 / n[at];
+  });
+  return freedom > 0.0 ? squares / freedom : 0.0;
+}
+
+// Coarse steps are errors that repeats have in common, and cycles too where they are alike: counted as so many fewer
+// measurements, each with all of its error.
+void admit_steps(Data& data) {
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  for (Eigen::Index j = 0; j < ny; ++j) {
+    const double q = data.quality.resolution[static_cast<std::size_t>(j)];
+    if (!(q > 0.0)) continue;
+    const double shown = data.noise[j] * data.noise[j], sigma = noise_before_rounding(q, shown);
+    const double hidden = common_rounding(q, sigma), whole = shown + hidden;
+    if (!(hidden > 1e-3 * whole)) continue;
+    data.noise[j] = std::sqrt(whole);
+    for (Segment& s : data.segments) {
+      const double spread = noise_before_rounding(q, cycle_variance(s, j, ny, data.sections));
+      const double alike = data.period_cycles * common_rounding(q, spread);  // what cycles have in common adds up
+      s.within[j] = 0.0;
+      for (Eigen::Index i = j; i < s.count.size(); i += ny) {
+        const double n = s.count[i];
+        if (!(n > 0.0)) continue;
+        s.count[i] = whole / (shown / n + hidden + alike);
+        // What repeats deviate by, in proportion to what they still say of the noise.
+        const double told = n > 1.0 && shown > 0.0 ? std::max(0.0, s.count[i] - 1.0) / (n - 1.0) * whole / shown : 0.0;
+        for (Eigen::VectorXd& d : s.deviation) {
+          s.within[j] += d[i] * d[i] * s.count[i] / n;
+          d[i] *= std::sqrt(told);
+        }
+      }
+    }
+  }
+}
+
 // The lines a periodic input has power on; empty where there are none, or too many for it to be a sum of cosines.
 std::vector<int> excited_lines(const Segment& s, std::size_t inputs, int period) {
   const std::size_t L = s.t.size() - s.first;
@@ -334,17 +406,18 @@ Data prepare(const Record& record, const Machine& machine) {
       data.segments.push_back(std::move(s));
     }
     Eigen::VectorXd scale = robust_scale(all, static_cast<Eigen::Index>(ny));
-    data.noise_measured = data.repeats > 1 && scale.minCoeff() > 0.0;
     for (std::size_t j = 0; j < ny; ++j) {  // coarse steps can make repeats agree exactly
       scale[static_cast<Eigen::Index>(j)] =
           std::max(scale[static_cast<Eigen::Index>(j)], data.quality.resolution[j] / std::sqrt(12.0));
     }
+    data.noise_measured = data.repeats > 1 && scale.minCoeff() > 0.0;
     if (!data.noise_measured) scale.setConstant(std::numeric_limits<double>::infinity());
     for (std::size_t k = 0; k < all.size(); ++k) average(data, data.segments[k], all[k], scale);
     if (data.noise_measured) {
       data.noise = scale;
       refine_noise(data);
       test_colour(data);
+      admit_steps(data);
     } else {
       data.noise.setOnes();
       data.notes.push_back("No stimulus repeats: the noise is taken from the residual itself, so claims are weaker.");

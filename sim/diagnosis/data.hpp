@@ -23,7 +23,7 @@ struct Segment {
   Eigen::VectorXd y;                       // (rows) 0 where nothing was measured
   Eigen::VectorXd count;                   // (rows) measurements that went into it, 0: none
   std::vector<Eigen::VectorXd> deviation;  // (repeats)(rows) of each repeat from the mean; 0 where missing
-  Eigen::VectorXd within;                  // (outputs) sum of squares of all deviations
+  Eigen::VectorXd within;                  // (outputs) sum of squares of what measurements deviate from their means
   Start guess;
   std::vector<double> spread;  // (free coordinates of the start) how far off the guess may be
 

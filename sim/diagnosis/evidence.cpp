@@ -96,7 +96,9 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
       all.noise_freedom += std::max(0.0, s.count[i] - 1.0);
     }
     all.freedom -= static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
-    for (Eigen::Index j = 0; j < ny; ++j) all.noise += s.within[j] / (data.noise[j] * data.noise[j]);
+    for (const auto& x : s.deviation) {
+      for (Eigen::Index i = 0; i < x.size(); ++i) all.noise += x[i] * x[i] / (data.noise[i % ny] * data.noise[i % ny]);
+    }
     if (data.sections == 0) continue;
 
     // Deviations of the repeats in the same units: sqrt(n / (n - 1)) d_r sqrt(n) / noise sums to n - 1 of them.

@@ -147,3 +147,17 @@ TEST_CASE("drops, outliers and coarse sensors do not change the verdict, and are
   CHECK(d.quality.missing > 0);
   CHECK(d.quality.outliers > 0);
 }
+
+TEST_CASE("steps far coarser than the noise: nothing is invented, and an effect keeps its name and size", "[diagnose]") {
+  Campaign c = short_campaign();
+  c.quantum = {1e-2, 6e-2};  // ten times the noise: repeats agree where they are wrong
+  const Diagnosis none = judged(made({}, 18, c));
+  CHECK(none.verdict == Verdict::no_discrepancy);
+  CHECK(std::abs(none.all.before - 1.0) < 0.1);
+  const Diagnosis d = judged(made({{"viscous_damper@leg", 0.3}}, 19, c));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "viscous_damper@leg");
+  CHECK(std::abs(d.effects[0].value - 0.3) < d.effects[0].high - d.effects[0].low);  // four standard errors
+  CHECK(d.effects[0].high - d.effects[0].low < 0.15);
+}
