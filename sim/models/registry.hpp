@@ -7,7 +7,7 @@
 #include "bouncing_ball.hpp"
 #include "compass_gait.hpp"
 #include "compass_gait_robot.hpp"
-#include "hopper.hpp"
+#include "hopper_orbit.hpp"
 #include "kneed_biped.hpp"
 #include "leg_bench.hpp"
 #include "pendulum.hpp"

@@ -4,7 +4,7 @@
 #include <numbers>
 
 #include "sim/campaign.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "tests/support/catch.hpp"
 
 using namespace saltus;

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "sim/record_identification.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/worlds.hpp"

@@ -2,7 +2,7 @@
 
 #include <cmath>
 
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "tests/support/catch.hpp"
 
 using namespace saltus;

@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "sim/experiment_design.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "tests/support/catch.hpp"
 
 using namespace saltus;

@@ -4,7 +4,7 @@
 
 #include "core/orbit/orbit.hpp"
 #include "core/random.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/malloc_guard.hpp"
 

@@ -5,7 +5,7 @@
 
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/htf.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "sim/realisation.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/malloc_guard.hpp"

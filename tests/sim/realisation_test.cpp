@@ -9,7 +9,7 @@
 #include "core/orbit/orbit.hpp"
 #include "core/random.hpp"
 #include "core/spectrum/htf.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "tests/support/catch.hpp"
 
 using namespace saltus;

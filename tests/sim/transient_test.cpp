@@ -3,7 +3,7 @@
 #include <cmath>
 
 #include "sim/campaign.hpp"
-#include "sim/models/hopper.hpp"
+#include "sim/models/hopper_orbit.hpp"
 #include "sim/record_identification.hpp"
 #include "tests/support/catch.hpp"
 

@@ -187,6 +187,7 @@ TEST_CASE("friction of the bench, declared on the walker: nothing of the kind is
           "[self-paced][measured]") {
   Options o;
   o.holdout = 1;
+  o.candidates = {"coulomb_friction@hip", "viscous_damper@hip"};
   o.set = {{"viscous_damper@hip", 0.00116}, {"coulomb_friction@hip", 0.0064}};
   const Diagnosis d = judged(part(measured("compass-gait-walking.csv"), 6, 7), o);
   for (const Finding& f : d.effects) {

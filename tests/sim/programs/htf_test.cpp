@@ -67,16 +67,16 @@ TEST_CASE("JSON holds what CSV holds") {
   REQUIRE(
       folder.run({"htf", "hopper", "--band", "2", "--harmonics", "1", "--csv", "x.csv", "--json", "x.json"}).status ==
       0);
-  const auto json = nlohmann::json::parse(folder.read("x.json"));
+  const auto written = nlohmann::json::parse(folder.read("x.json"));
   const HtfTable table(folder.path("x.csv"));
-  CHECK(json.at("model") == "hopper");
-  CHECK(json.at("sections") == "clock");
-  CHECK(json.at("sections_per_cycle") == 32);
-  CHECK(std::abs(json.at("period").get<double>() - 1.0) < 1e-15);
-  CHECK(json.at("htf").size() == 3 * 128 * 2);
+  CHECK(written.at("model") == "hopper");
+  CHECK(written.at("sections") == "clock");
+  CHECK(written.at("sections_per_cycle") == 32);
+  CHECK(std::abs(written.at("period").get<double>() - 1.0) < 1e-15);
+  CHECK(written.at("htf").size() == 3 * 128 * 2);
   REQUIRE(table.entries().size() == 3 * 128 * 2);
   double worst = 0.0;
-  for (const auto& row : json.at("htf")) {
+  for (const auto& row : written.at("htf")) {
     const int line = static_cast<int>(std::lround(row.at("f").get<double>() * 64));
     const auto& entry = table.at(row.at("m"), line, row.at("output"));
     worst = std::max(worst, std::abs(entry.value - std::complex<double>(row.at("re"), row.at("im"))));
