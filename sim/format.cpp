@@ -17,4 +17,6 @@ std::string format(const char* pattern, ...) {
   return s;
 }
 
+std::string text(double x, const char* pattern) { return format(pattern, x); }
+
 }  // namespace saltus

@@ -7,4 +7,6 @@ namespace saltus {
 
 [[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
 
+std::string text(double x, const char* pattern = "%.4g");
+
 }  // namespace saltus

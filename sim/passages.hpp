@@ -8,12 +8,12 @@
 #include <string>
 #include <vector>
 
+#include "median.hpp"
 #include "rhythm.hpp"
 
 namespace saltus::rhythm {
 
 inline std::size_t at(Eigen::Index i) { return static_cast<std::size_t>(i); }
-double median(std::vector<double> v);
 double quantile(std::vector<double> v, double q);
 
 // A stay in one chart, from one event to the next.

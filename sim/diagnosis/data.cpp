@@ -4,21 +4,13 @@
 #include <cmath>
 #include <limits>
 
+#include "../median.hpp"
 #include "core/spectrum/twiddles.hpp"
 
 namespace saltus::diagnosis {
 namespace {
 
 constexpr double outlier_sigmas = 6.0;
-constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-
-double median(std::vector<double> v) {
-  if (v.empty()) return nan;
-  const auto middle = v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2);
-  std::nth_element(v.begin(), middle, v.end());
-  if (v.size() % 2 == 1) return *middle;
-  return 0.5 * (*middle + *std::max_element(v.begin(), middle));
-}
 
 std::string listed(const std::vector<Channel>& channels) {
   std::string s;
@@ -48,11 +40,6 @@ std::vector<std::size_t> match(const Record& record, const std::vector<saltus::C
   }
   return order;
 }
-
-struct Clock {
-  int sections, period, settle;
-  double cycle_period;
-};
 
 // Mean over the repeats of a stimulus, without what no noise makes.
 void average(Data& data, Segment& s, const std::vector<std::vector<double>>& repeat, const Eigen::VectorXd& scale) {

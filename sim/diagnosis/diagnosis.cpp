@@ -18,8 +18,6 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
-
 class Clock {
  public:
   explicit Clock(Diagnosis& d) : d_(d) {}

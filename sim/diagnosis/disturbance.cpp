@@ -2,16 +2,11 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../median.hpp"
 #include "stretches.hpp"
 
 namespace saltus::diagnosis {
 namespace {
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0.0;
-  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 constexpr double hardly = 0.01;    // [-] of how far the liveliest stretches move
 constexpr double window = 0.2;     // [s]

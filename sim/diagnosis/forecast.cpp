@@ -1,16 +1,12 @@
 #include "forecast.hpp"
 
+#include "../median.hpp"
+
 #include <algorithm>
 #include <cmath>
 
 namespace saltus::diagnosis {
 namespace {
-
-double median(std::vector<double> v) {
-  if (v.empty()) return 0.0;
-  std::nth_element(v.begin(), v.begin() + static_cast<std::ptrdiff_t>(v.size() / 2), v.end());
-  return v[v.size() / 2];
-}
 
 constexpr double unpredictable =
     20.0;  // [-] growth of an error of the start: beyond it a run says little about the model

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "../format.hpp"
 #include "diagnosis.hpp"
 
 namespace saltus::diagnosis {
@@ -77,12 +78,6 @@ Gain input_gain(const Problem& p, const Data& data, double scale) {
   return g;
 }
 
-std::string text(double x) {
-  char s[32];
-  std::snprintf(s, sizeof s, "%.3g", x);
-  return s;
-}
-
 // Does the machine answer its input as the model does, or another sign or unit of it?
 void refuse_foreign_input(const Problem& p, const Data& data, const std::string& record) {
   if (data.sections == 0 || !data.noise_measured || p.machine->inputs.size() != 1) return;
@@ -93,13 +88,15 @@ void refuse_foreign_input(const Problem& p, const Data& data, const std::string&
       continue;  // too much for the model: perhaps a thousandth
     if (std::abs(g.value) < 10.0 * g.error) return;
     if (g.value < -0.3) {
-      throw RecordError(record, "the machine answers " + name + " the other way round (gain " + text(g.value) + ")",
+      throw RecordError(record,
+                        "the machine answers " + name + " the other way round (gain " + text(g.value, "%.3g") + ")",
                         "reverse the sign of the column");
     }
     const double ratio = scale * g.value, power = std::pow(10.0, std::round(std::log10(std::abs(ratio))));
     if (power != 1.0 && std::abs(std::log10(ratio / power)) < 0.15) {
-      throw RecordError(record, "the machine answers " + name + " " + text(ratio) + " times as the declared model does",
-                        "it looks like another unit: multiply the column by " + text(power) + " to have it in " + unit);
+      throw RecordError(
+          record, "the machine answers " + name + " " + text(ratio, "%.3g") + " times as the declared model does",
+          "it looks like another unit: multiply the column by " + text(power, "%.3g") + " to have it in " + unit);
     }
     return;
   }
@@ -165,10 +162,11 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
     if (ratio > 20.0 || ratio < 0.05) {
       const double power = std::pow(10.0, std::round(std::log10(ratio)));
       throw RecordError(
-          record, m.outputs[j].name + " swings " + text(ratio) + " times as far as the declared model says",
-          std::abs(std::log10(ratio / power)) < 0.15 ? "it looks like another unit: multiply the column by " +
-                                                           text(1.0 / power) + " to have it in " + m.outputs[j].unit
-                                                     : "check its unit, and that this is the right model");
+          record, m.outputs[j].name + " swings " + text(ratio, "%.3g") + " times as far as the declared model says",
+          std::abs(std::log10(ratio / power)) < 0.15
+              ? "it looks like another unit: multiply the column by " + text(1.0 / power, "%.3g") + " to have it in " +
+                    m.outputs[j].unit
+              : "check its unit, and that this is the right model");
     }
   }
   double here = 0.0, best = 0.0;
@@ -190,9 +188,9 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
                       "record section 0 at phase 0 of the clock, or renumber the sections");
   }
   if (here < 0.6) {
-    throw RecordError(record,
-                      "its motion has little in common with the declared model's (correlation " + text(here) + ")",
-                      "check --model and the columns");
+    throw RecordError(
+        record, "its motion has little in common with the declared model's (correlation " + text(here, "%.3g") + ")",
+        "check --model and the columns");
   }
 }
 

@@ -8,22 +8,9 @@
 #include <limits>
 
 #include "core/trace/statistics.hpp"
+#include "sets.hpp"
 
 namespace saltus::diagnosis {
-namespace {
-
-std::vector<int> with(std::vector<int> set, int e) {
-  if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);
-  std::sort(set.begin(), set.end());
-  return set;
-}
-std::vector<int> without(std::vector<int> set, int e) {
-  set.erase(std::remove(set.begin(), set.end(), e), set.end());
-  return set;
-}
-
-}  // namespace
-
 Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> candidates, double false_alarm)
     : p_(p), segments_(std::move(segments)), candidates_(std::move(candidates)) {
   for (const int s : segments_) {

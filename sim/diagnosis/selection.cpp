@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "core/trace/statistics.hpp"
+#include "sets.hpp"
 
 namespace saltus::diagnosis {
 namespace {
@@ -14,17 +15,6 @@ namespace {
 constexpr std::size_t most_effects = 4;
 constexpr double worth_asking = 24.0;   // [-] BIC above the result: what a rival predicts
 constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
-
-std::vector<int> with(std::vector<int> set, int e) {
-  if (std::find(set.begin(), set.end(), e) == set.end()) set.push_back(e);
-  std::sort(set.begin(), set.end());
-  return set;
-}
-std::vector<int> without(std::vector<int> set, int e) {
-  set.erase(std::remove(set.begin(), set.end(), e), set.end());
-  return set;
-}
-bool has(const std::vector<int>& set, int e) { return std::find(set.begin(), set.end(), e) != set.end(); }
 
 // Mean square of the residual in units of the sensors' noise, and in how many independent numbers it comes: the sum of
 // its correlation up to where that vanishes says how many samples make one. One scale for all outputs: what is left is

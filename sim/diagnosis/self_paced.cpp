@@ -18,8 +18,6 @@ constexpr double close = 6.0;            // [-] BIC: no telling
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
 constexpr double noise_like = 1.5;       // [-] of the sensors' noise: nothing is missing
 
-std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
-
 bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance,
                   const std::vector<std::string>& patterns) {
   const Coefficient& c = m.coefficients[i];

@@ -6,12 +6,6 @@
 #include "self_paced.hpp"
 
 namespace saltus::diagnosis {
-namespace {
-
-std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
-
-}  // namespace
-
 std::vector<int> parts_of(std::size_t stretches) {
   const std::size_t parts = stretches < 16 ? std::min<std::size_t>(8, stretches) : 4;
   std::vector<int> r;

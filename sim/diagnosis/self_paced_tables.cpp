@@ -11,8 +11,6 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
-std::string text(double x, const char* pattern = "%.4g") { return format(pattern, x); }
-
 }  // namespace
 
 std::string name_of(const Machine& m, int coefficient) {

@@ -1,10 +1,13 @@
-// saltus calibrate: how often is a diagnosis right? Machines with known effects are measured and diagnosed, seed by seed.
+// saltus calibrate: how often is a diagnosis right? Machines with known effects are measured and diagnosed, seed by
+// seed.
 #include "calibrate.hpp"
 
 #include <algorithm>
+#include <atomic>
 #include <cstdio>
 #include <map>
 #include <set>
+#include <thread>
 
 #include "../diagnosis/diagnosis.hpp"
 #include "../diagnosis/synthetic.hpp"
@@ -20,7 +23,7 @@ struct Arguments {
   std::vector<std::string> effects;
   std::vector<std::string> scenarios{"none", "parameters", "single", "pair", "outside"};
   int trials = 20;
-  int experiments = 4, period = 32;
+  int experiments = 4, period = 32, jobs = 1;
   std::uint64_t seed = 1;
   double times = 3.0;
 };
@@ -29,11 +32,32 @@ struct Truth {
   std::string label;
   std::vector<std::pair<std::string, double>> changes;  // of effects alone
   std::set<std::string> effects;
+  bool parameters_off = false;
 };
 
+// What became of one record, or of many.
 struct Score {
   int trials = 0, right = 0, tie = 0, wrong = 0, nothing = 0, unexplained = 0, refused = 0, covered = 0, intervals = 0;
-  std::map<std::string, int> named;
+  std::map<std::string, int> named;  // what was said, where it was not the truth alone
+
+  void add(const Score& s) {
+    trials += s.trials;
+    right += s.right;
+    tie += s.tie;
+    wrong += s.wrong;
+    nothing += s.nothing;
+    unexplained += s.unexplained;
+    refused += s.refused;
+    covered += s.covered;
+    intervals += s.intervals;
+    for (const auto& [said, count] : s.named) named[said] += count;
+  }
+  std::string said() const {
+    std::string all;
+    for (const auto& [what, count] : named)
+      all += (all.empty() ? "" : ", ") + what + (count > 1 ? " x" + std::to_string(count) : "");
+    return all;
+  }
 };
 
 bool same(const Diagnosis& d, const std::set<std::string>& truth) {
@@ -59,29 +83,41 @@ bool tied(const Diagnosis& d, const std::set<std::string>& truth) {
   return false;
 }
 
-void judge(Score& s, const Diagnosis& d, const Truth& truth) {
-  ++s.trials;
-  std::string said = name(d.verdict);
-  if (!d.effects.empty()) {
-    said.clear();
-    for (const Finding& f : d.effects) said += (said.empty() ? "" : " + ") + f.name;
+std::string words_of(const Diagnosis& d) {
+  if (d.effects.empty()) return std::string(name(d.verdict));
+  std::string said;
+  for (const Finding& f : d.effects) {
+    said += (said.empty() ? "" : " + ") + f.name;
+    for (const std::string& t : f.ties) said += " or " + t;
   }
-  ++s.named[said];
+  if (d.verdict == Verdict::ambiguous) {
+    for (const Rival& r : d.rivals) {
+      if (r.bic > 6.0) continue;
+      std::string other;
+      for (const auto& n : r.names) other += (other.empty() ? "" : " + ") + n;
+      said += " or " + other;
+    }
+  }
+  return said;
+}
+
+Score judge(const Diagnosis& d, const Truth& truth) {
+  Score s;
+  s.trials = 1;
   if (truth.effects.empty()) {
-    (d.effects.empty() && d.verdict != Verdict::unexplained ? s.right : s.wrong) += 1;
-    return;
-  }
-  if (d.verdict == Verdict::unexplained) {
-    ++s.unexplained;
+    (d.effects.empty() && d.verdict != Verdict::unexplained ? s.right : s.wrong) = 1;
+  } else if (d.verdict == Verdict::unexplained) {
+    s.unexplained = 1;
   } else if (d.effects.empty()) {
-    ++s.nothing;
+    s.nothing = 1;
   } else if (same(d, truth.effects) && d.verdict == Verdict::effect_found) {
-    ++s.right;
+    s.right = 1;
   } else if (tied(d, truth.effects)) {
-    ++s.tie;
+    s.tie = 1;
   } else {
-    ++s.wrong;
+    s.wrong = 1;
   }
+  if (s.right == 0) s.named[words_of(d)] = 1;
   for (const Finding& f : d.effects) {
     for (const auto& [effect, value] : truth.changes) {
       if (f.name != effect) continue;
@@ -89,12 +125,39 @@ void judge(Score& s, const Diagnosis& d, const Truth& truth) {
       s.covered += value >= f.low && value <= f.high;
     }
   }
+  return s;
+}
+
+// One record of a machine that has what `truth` says, diagnosed.
+Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign, std::uint64_t seed) {
+  const auto machine = make_machine(a.model);
+  Random random(seed, 99);
+  auto changes = truth.changes;
+  if (truth.parameters_off) {
+    for (std::size_t i = 0; i < machine->declared; ++i) {
+      const Coefficient& c = machine->coefficients[i];
+      if (static_cast<int>(i) == machine->clock || c.candidate) continue;
+      changes.emplace_back(c.name, c.nominal * (1.0 + 0.02 * random.normal()));
+    }
+  }
+  std::vector<double> values;
+  values_with(*machine, changes, values);
+  const Record record = synthesise(*machine, values, campaign, seed);
+  Score refused;
+  refused.refused = 1;
+  if (record.rows() == 0) return refused;
+  try {
+    return judge(diagnose(record, *make_machine(a.model), {}), truth);
+  } catch (const RecordError&) {
+    return refused;
+  }
 }
 
 void run(const Arguments& a) {
   const auto fresh = [&] {
     auto m = make_machine(a.model);
-    if (!m) throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
+    if (!m)
+      throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
     return m;
   };
   Campaign campaign;
@@ -119,78 +182,75 @@ void run(const Arguments& a) {
   std::vector<std::string> effects = a.effects;
   if (effects.empty()) {
     for (const auto& [name, value] : limit) {
-      if (name.compare(0, 10, "asymmetric") != 0 && name != "restitution") effects.push_back(name);
+      if (name.compare(0, 10, "asymmetric") != 0) effects.push_back(name);
     }
   }
-  std::vector<std::pair<Truth, Score>> table;
+  std::vector<Truth> table;
   const auto wanted = [&](const char* what) {
     return std::find(a.scenarios.begin(), a.scenarios.end(), what) != a.scenarios.end();
   };
-  if (wanted("none")) table.push_back({{"no effect", {}, {}}, {}});
-  if (wanted("parameters")) table.push_back({{"parameters off by their tolerances", {}, {}}, {}});
+  if (wanted("none")) table.push_back({"no effect", {}, {}, false});
+  if (wanted("parameters")) table.push_back({"parameters off by their tolerances", {}, {}, true});
   if (wanted("single")) {
     for (const std::string& e : effects) {
-      if (limit.count(e) == 0) throw UsageError("--effects " + e + ": not a candidate that can be seen on this campaign");
-      table.push_back({{e, {{e, a.times * limit.at(e)}}, {e}}, {}});
+      if (limit.count(e) == 0)
+        throw UsageError("--effects " + e + ": not a candidate that can be seen on this campaign");
+      table.push_back({e, {{e, a.times * limit.at(e)}}, {e}, false});
     }
   }
   if (wanted("pair")) {
     for (std::size_t i = 0; i + 1 < effects.size(); i += 2) {
       const auto &x = effects[i], &y = effects[i + 1];
       if (limit.count(x) == 0 || limit.count(y) == 0) continue;
-      table.push_back({{x + " + " + y, {{x, 2.0 * a.times * limit.at(x)}, {y, a.times * limit.at(y)}}, {x, y}}, {}});
+      table.push_back({x + " + " + y, {{x, 2.0 * a.times * limit.at(x)}, {y, a.times * limit.at(y)}}, {x, y}, false});
     }
   }
   if (wanted("outside")) {
     for (const Coefficient& c : machine->coefficients) {
       if (c.profile_of.empty() || c.name.back() != '5') continue;
-      table.push_back({{"outside: " + c.name, {{c.name, 0.1 * a.times}}, {"outside"}}, {}});
+      table.push_back({"outside: " + c.name, {{c.name, 0.1 * a.times}}, {"outside"}, false});
     }
   }
   nlohmann::json all = nlohmann::json::array();
   if (a.json != "-") {
-    std::printf("| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers |\n");
-    std::printf("|---|---|---|---|---|---|---|---|---|\n");
+    std::printf(
+        "| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers | said instead |\n"
+        "|---|---|---|---|---|---|---|---|---|---|\n");
   }
   Progress progress("calibrating");
-  double done = 0.0;
+  const auto trials = static_cast<std::size_t>(a.trials);
   for (std::size_t row = 0; row < table.size(); ++row) {
-    auto& [truth, score] = table[row];
-    for (int n = 0; n < a.trials; ++n) {
-      progress.at(done++ / static_cast<double>(table.size() * static_cast<std::size_t>(a.trials)));
-      const std::uint64_t seed = a.seed + 1000 * (row + 1) + static_cast<std::uint64_t>(n);
-      Random random(seed, 99);
-      auto changes = truth.changes;
-      if (truth.label[0] == 'p' && truth.effects.empty()) {
-        for (std::size_t i = 0; i < machine->declared; ++i) {
-          const Coefficient& c = machine->coefficients[i];
-          if (static_cast<int>(i) == machine->clock || c.candidate) continue;
-          changes.emplace_back(c.name, c.nominal * (1.0 + 0.02 * random.normal()));
-        }
-      }
-      std::vector<double> values;
-      values_with(*machine, changes, values);
-      const Record record = synthesise(*machine, values, campaign, seed);
-      if (record.rows() == 0) {
-        ++score.refused;
-        continue;
-      }
-      try {
-        judge(score, diagnose(record, *fresh(), {}), truth);
-      } catch (const RecordError&) {
-        ++score.refused;
-      }
+    const Truth& truth = table[row];
+    // Each trial has a seed of its own, so that their number and order of ending decide nothing.
+    std::vector<Score> scores(trials);
+    std::atomic<std::size_t> next{0};
+    const auto work = [&] {
+      for (std::size_t n = next++; n < trials; n = next++)
+        scores[n] = try_once(truth, a, campaign, a.seed + 1000 * (row + 1) + n);
+    };
+    {
+      std::vector<std::jthread> others;
+      for (int j = 1; j < a.jobs; ++j) others.emplace_back(work);
+      work();
     }
-    all.push_back({{"truth", truth.label}, {"trials", score.trials}, {"right", score.right}, {"tie", score.tie},
-                   {"wrong", score.wrong}, {"nothing", score.nothing}, {"unexplained", score.unexplained},
-                   {"refused", score.refused}, {"covered", score.covered}, {"intervals", score.intervals},
+    progress.at(static_cast<double>(row + 1) / static_cast<double>(table.size()));
+    Score score;
+    for (const Score& s : scores) score.add(s);
+    all.push_back({{"truth", truth.label},
+                   {"trials", score.trials},
+                   {"right", score.right},
+                   {"tie", score.tie},
+                   {"wrong", score.wrong},
+                   {"nothing", score.nothing},
+                   {"unexplained", score.unexplained},
+                   {"refused", score.refused},
+                   {"covered", score.covered},
+                   {"intervals", score.intervals},
                    {"named", score.named}});
     if (a.json == "-") continue;
-    std::printf("| %s | %d | %d | %d | %d | %d | %d | %d | %d of %d |\n", truth.label.c_str(), score.trials, score.right, score.tie,
-                score.wrong, score.nothing, score.unexplained, score.refused, score.covered, score.intervals);
-    for (const auto& [said, count] : score.named) {
-      if (score.wrong > 0) std::printf("|   said %s | %d | | | | | | | |\n", said.c_str(), count);
-    }
+    std::printf("| %s | %d | %d | %d | %d | %d | %d | %d | %d of %d | %s |\n", truth.label.c_str(), score.trials,
+                score.right, score.tie, score.wrong, score.nothing, score.unexplained, score.refused, score.covered,
+                score.intervals, score.said().c_str());
     std::fflush(stdout);
   }
   if (!a.json.empty()) write_json(a.json, all);
@@ -199,19 +259,32 @@ void run(const Arguments& a) {
 }  // namespace
 
 void add_calibrate(CLI::App& app) {
-  auto* command = app.add_subcommand("calibrate", "How often a diagnosis is right: emulated machines with known effects, seed by seed");
+  auto* command = app.add_subcommand(
+      "calibrate", "How often a diagnosis is right: emulated machines with known effects, seed by seed");
   command->footer("Example: saltus calibrate hopper --trials 50 --scenarios single --times 10");
   auto a = std::make_shared<Arguments>();
   command->add_option("MODEL", a->model, "the model: hopper or bouncing_ball")->capture_default_str();
   command->add_option("--scenarios", a->scenarios, "none, parameters, single, pair, outside")
       ->delimiter(',')
       ->check(CLI::IsMember({"none", "parameters", "single", "pair", "outside"}));
-  command->add_option("--effects", a->effects, "the effects to try; all that can be seen where not given")->delimiter(',');
-  command->add_option("--trials", a->trials, "seeds a line of the table")->check(CLI::Range(1, 100000))->capture_default_str();
-  command->add_option("--times", a->times, "size of an effect, in detection limits")->check(CLI::PositiveNumber)->capture_default_str();
-  command->add_option("--experiments", a->experiments, "experiments of a campaign")->check(CLI::Range(2, 64))->capture_default_str();
-  command->add_option("--period", a->period, "cycles of a stimulus period")->check(CLI::Range(8, 64))->capture_default_str();
+  command->add_option("--effects", a->effects, "the effects to try; all that can be seen where not given")
+      ->delimiter(',');
+  command->add_option("--trials", a->trials, "seeds a line of the table")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  command->add_option("--times", a->times, "size of an effect, in detection limits")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--experiments", a->experiments, "experiments of a campaign")
+      ->check(CLI::Range(2, 64))
+      ->capture_default_str();
+  command->add_option("--period", a->period, "cycles of a stimulus period")
+      ->check(CLI::Range(8, 64))
+      ->capture_default_str();
   command->add_option("--seed", a->seed, "seed of everything random")->capture_default_str();
+  command->add_option("--jobs", a->jobs, "records diagnosed at a time; the table does not depend on it")
+      ->check(CLI::Range(1, 256))
+      ->capture_default_str();
   command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->callback([a] { run(*a); });
 }

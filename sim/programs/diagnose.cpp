@@ -8,6 +8,7 @@
 #include "../diagnosis/json.hpp"
 #include "../report/diagnosis_page.hpp"
 #include "../report/self_paced_section.hpp"
+#include "any_record.hpp"
 #include "calibrate.hpp"
 #include "hal/record.hpp"
 #include "program.hpp"
@@ -84,7 +85,7 @@ void write_picture(const std::string& path, const diagnosis::Diagnosis& d) {
 }
 
 void run(const Arguments& a) {
-  const Record record = read_record(a.record);
+  const Record record = read_any_record(a.record, a.model);
   const std::string model = a.model.empty() ? record.model : a.model;
   if (model.empty()) throw UsageError("--model is missing, and the record names none; models: " + known_models());
   auto machine = diagnosis::make_machine(model);
@@ -154,7 +155,7 @@ void add_diagnose(CLI::App& app) {
   command->footer(
       "Example: saltus diagnose record.csv --model hopper --tolerance k=1% --report report --json verdict.json");
   auto a = std::make_shared<Arguments>();
-  command->add_option("RECORD", a->record, "the record, a CSV file")->required()->check(CLI::ExistingFile);
+  command->add_option("RECORD", a->record, "the record: a CSV file, or an LCM event log")->required()->check(CLI::ExistingFile);
   command->add_option("--model", a->model, "the declared model; where missing, the one the record names");
   command
       ->add_option(

@@ -9,6 +9,7 @@
 #include <cstdint>
 
 #include "../record_identification.hpp"
+#include "any_record.hpp"
 #include "identify_rhythm.hpp"
 
 namespace saltus::program {
@@ -59,16 +60,6 @@ void match_period(const Record& record, double period) {
       record.name, "its clock turns in " + number(*record.cycle_period) + " s, the model's in " + number(period) + " s",
       "set the model's clock rate, --set omega=" + number(2.0 * std::numbers::pi / *record.cycle_period) +
           ", or correct `# cycle-period-s`");
-}
-
-// A record is a CSV file or an LCM event log.
-template <class M>
-Record read_any_record(const std::string& file) {
-  if (!is_event_log(file)) return read_record(std::filesystem::path(file));
-  std::vector<Channel> inputs, outputs;
-  for (const Quantity& q : M::inputs) inputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  for (const Quantity& q : M::outputs) outputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  return record_of(LoggedRun(file), inputs, outputs);
 }
 
 // Drives a machine over LCM, or replays the log of one.
@@ -137,7 +128,7 @@ Identified identify_beside(const M& m, const Record& record, const IdentifyOptio
 
 template <class M>
 void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
-  const Record record = read_any_record<M>(o.record);
+  const Record record = read_any_record(o.record, M::name);
   match_channels<M>(record);
   if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
   const Identified r = identify_beside(m, record, o);

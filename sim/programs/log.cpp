@@ -2,6 +2,7 @@
 #include <cstdio>
 #include <map>
 
+#include "any_record.hpp"
 #include "link.hpp"
 
 namespace saltus::program {
@@ -12,21 +13,10 @@ struct LogOptions {
   bool append = false;
 };
 
-// Names and units by the model that the log names; plain ones where it is not known here.
-Record named_record(const LoggedRun& run) {
-  std::vector<Channel> inputs, outputs;
-  const std::string model((run.experimenter.id != 0 ? run.experimenter : run.machine).model.view());
-  visit_model(model, [&](auto m) {
-    for (const Quantity& q : decltype(m)::inputs) inputs.push_back({std::string(q.name), std::string(q.unit), {}});
-    for (const Quantity& q : decltype(m)::outputs) outputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  });
-  return record_of(run, inputs, outputs);
-}
-
 void convert(const LogOptions& o) {
   if (is_event_log(o.from)) {
     const LoggedRun run(o.from);
-    const Record record = named_record(run);
+    const Record record = record_of_log(run);
     write_record(std::filesystem::path(o.to), record);
     std::fprintf(stderr, "%s: %zu experiments, %zu rows\n", o.to.c_str(), run.experiments.size(), record.rows());
   } else {

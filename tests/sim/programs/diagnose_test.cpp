@@ -73,3 +73,24 @@ TEST_CASE("a file that is no verdict, or speaks of nothing that fits, is refused
   CHECK(refused("{\"verdict\": \"effect_found\"}").find("no list of effects") != std::string::npos);
   CHECK(refused("{\"effects\": [{\"name\": \"leg_spring\", \"value\": 1}]}").find("leg_spring") != std::string::npos);
 }
+
+TEST_CASE("a run's log is diagnosed as the record of the same run is") {
+  const Folder f;
+  REQUIRE(f.run({"identify", "hopper", "--period", "16", "--band", "2", "--periods", "3", "--settle", "20", "--noise",
+                 "0.001,0.006", "--amplitude", "0.1", "--save", "run.csv"})
+              .status == 0);
+  REQUIRE(f.run({"log", "run.csv", "run.lcm"}).status == 0);
+  const auto verdict = [&](const std::string& record) {
+    const auto done = f.run({"diagnose", record, "--model", "hopper", "--json", "v.json"});
+    CAPTURE(done.err);
+    REQUIRE(done.status == 0);
+    json j = json::parse(f.read("v.json"));
+    j.erase("record");
+    j.erase("seconds");
+    j.erase("story");  // begins with the file's name
+    return j;
+  };
+  const json csv = verdict("run.csv");
+  CHECK(csv["verdict"] == "no_discrepancy");
+  CHECK(verdict("run.lcm") == csv);
+}
