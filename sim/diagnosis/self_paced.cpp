@@ -54,8 +54,9 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
   if (!d.self_paced.runs.empty()) {
     const FreeRun& r = d.self_paced.runs.front();
     for (std::size_t j = 0; j < r.after.size(); ++j) {
-      d.self_paced.explained[j] =
-          r.median_after[j] < clearly_better * r.median_refit[j] || r.after[j] < clearly_better * r.refit[j];
+      // Of the usual run and of all together: a few that cannot be predicted spoil only the latter.
+      const double usual = r.median_after[j] / r.median_refit[j], all = r.after[j] / r.refit[j];
+      d.self_paced.explained[j] = usual * all < clearly_better * clearly_better;
     }
   }
   const bool any = std::count(d.self_paced.explained.begin(), d.self_paced.explained.end(), true) > 0;
