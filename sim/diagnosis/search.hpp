@@ -68,6 +68,7 @@ class Search {
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
   void finish_near(double bic);
+  void unite(const Trial& t);
 
   const Problem& p_;
   std::vector<int> segments_, candidates_;

@@ -105,6 +105,7 @@ TEST_CASE("either side may start first, and either may be restarted in mid-exper
 
   // Another machine in its place does not know what was before, and says so; the experiment begins again.
   CHECK(machine.exchange(100, {0.0}, y) == Outcome::answered);
+  rig.reset();  // two would read one wire
   rig = std::make_unique<Rig>(there);
   CHECK(machine.exchange(101, {0.0}, y) == Outcome::restarted);
   hash = {};
