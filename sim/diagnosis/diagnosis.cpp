@@ -219,7 +219,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   Trial chosen = search.base();
   Gate after = first;
   std::vector<Search::Swap> swaps;
-  if (first.passes()) {
+  if (first.passes() && !search.strayed()) {
     bool holds = true;
     for (const View& v : d.views_declared) holds = holds && v.p > 0.1 * options.false_alarm;
     const double gain = (declared.chi2 - refit.cost()) / e0.inflation;
@@ -238,7 +238,9 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     }
     after = search.gate(chosen.fit);
     clock.lap("looking for twins");
-    d.verdict = after.passes() && !chosen.effects.empty() ? Verdict::effect_found : Verdict::unexplained;
+    d.verdict = !after.passes()           ? Verdict::unexplained
+                : chosen.effects.empty() ? Verdict::parameters_only
+                                         : Verdict::effect_found;
   }
 
   // Twins and rivals.

@@ -57,7 +57,18 @@ bool Search::physical(int coefficient, double value) const {
   return c.physical == 0 || value > 0.0;
 }
 
+bool Search::strayed() const {
+  for (std::size_t k = 0; k < p_.tolerance.size(); ++k) {
+    const double off = base().fit.values[k] - declared_.values[k];
+    if (p_.tolerance[k] > 0.0 && std::abs(off) > 4.0 * p_.tolerance[k]) return true;
+  }
+  return false;
+}
+
 void Search::baseline(const Fit& declared) {
+  FitOptions as_is;
+  as_is.iterations = 0;
+  declared_ = fit(p_, segments_, declared, {}, as_is);
   store({{}, fit(p_, segments_, declared, {}), 0.0, true});
   base_gate_ = gate(base().fit);
   inflation_ = std::max(1.0, base_gate_.evidence.inflation);
@@ -132,10 +143,9 @@ void Search::judge_scores(Gate& g) const {
   }
 }
 
-const Trial& Search::explore(const std::vector<int>& from, int added, double estimate, bool patient) {
+const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate,
+                             bool patient) {
   const std::vector<int> set = with(from, added);
-  if (const auto it = pool_.find(set); it != pool_.end() && !patient) return it->second;
-  const Trial& start = pool_.at(from);
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
   std::vector<double> guesses;
   if (c.probe > 0.0) {
@@ -144,7 +154,7 @@ const Trial& Search::explore(const std::vector<int>& from, int added, double est
     guesses = {estimate};
     if (patient) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
   }
-  Trial t{set, start.fit, 0.0, false};
+  Trial t{set, start, 0.0, false};
   t.fit.chi2 = std::numeric_limits<double>::infinity();
   // Several starts: a few steps each on part of the data, then the best one on all of it.
   std::vector<int> part = segments_;
@@ -156,7 +166,7 @@ const Trial& Search::explore(const std::vector<int>& from, int added, double est
     brief.enough = 1.0;
   }
   for (const double guess : guesses) {
-    Fit f = start.fit;
+    Fit f = start;
     double v = c.nominal + guess;
     if (c.shifts_time) v = std::clamp(v, 0.0, 0.1 * p_.machine->cycle_period);
     f.values[static_cast<std::size_t>(added)] = v;
@@ -200,8 +210,16 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   for (std::size_t i = 0; i < leads.size(); ++i) {
     const Lead& l = leads[i];
     if (l.gain < 4.0 || l.gain < 0.02 * leads[0].gain || (i > 7 && !curved(l.added))) continue;
-    explore(l.from, l.added, l.estimate, (curved(l.added) && l.gain > 0.1 * leads[0].gain) || i < 2);
-    progress(0.1 + 0.3 * static_cast<double>(i) / static_cast<double>(leads.size()));
+    explore(l.from, base().fit, l.added, l.estimate, (curved(l.added) && l.gain > 0.1 * leads[0].gain) || i < 2);
+    progress(0.1 + 0.2 * static_cast<double>(i) / static_cast<double>(leads.size()));
+  }
+  if (strayed()) {  // the way back from there may be barred: once more from where the parameters were declared
+    const Evidence e = among(weigh(p_, segments_, declared_, signatures_at(declared_)), candidates_);
+    const std::vector<Lead> others = leads_at(base(), e, 4);
+    for (std::size_t i = 0; i < others.size(); ++i) {
+      explore({}, declared_, others[i].added, others[i].estimate, curved(others[i].added));
+      progress(0.3 + 0.1 * static_cast<double>(i) / static_cast<double>(others.size()));
+    }
   }
   for (std::size_t size = 1; size <= most_effects; ++size) {
     finish_near(0.0);
@@ -261,8 +279,10 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     const double before = best().bic;
     for (std::size_t i = 0; i < next.size(); ++i) {
-      if (next[i].gain < 4.0) continue;
-      explore(next[i].from, next[i].added, next[i].estimate, curved(next[i].added) && i < 3);
+      const Lead& l = next[i];
+      const bool patient = curved(l.added) && i < 3;
+      if (l.gain < 4.0 || (!patient && pool_.count(with(l.from, l.added)) > 0)) continue;
+      explore(l.from, pool_.at(l.from).fit, l.added, l.estimate, patient);
       progress(0.4 + 0.1 * static_cast<double>(size) + 0.1 * static_cast<double>(i) / static_cast<double>(next.size()));
     }
     if (!(best().bic < before)) break;

@@ -53,6 +53,8 @@ class Search {
 
   const Trial& base() const { return pool_.at({}); }
   const Gate& base_gate() const { return base_gate_; }
+  // Has the refit carried a declared parameter so far off that it may be imitating an effect?
+  bool strayed() const;
   const std::map<std::vector<int>, Trial>& pool() const { return pool_; }
   const std::vector<int>& candidates() const { return candidates_; }
   double threshold() const { return threshold_; }
@@ -62,7 +64,7 @@ class Search {
   std::vector<int> judged() const;
 
  private:
-  const Trial& explore(const std::vector<int>& from, int added, double estimate, bool patient);
+  const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient);
   const Trial& store(Trial t);
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
@@ -77,6 +79,7 @@ class Search {
   double samples_ = 0.0;
   double inflation_ = 1.0;  // [-] of a gain in chi^2, where the noise is correlated in time
   Gate base_gate_;
+  Fit declared_;  // declared values, with the starts that go with them
   std::map<std::vector<int>, Trial> pool_;
   std::set<std::vector<int>> retried_;  // fitted once more from a twin
   // Signatures are most of the work, and asked for more than once at the same fit.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <filesystem>
 #include <map>
 #include <set>
 #include <thread>
@@ -19,7 +20,7 @@ namespace {
 using namespace diagnosis;
 
 struct Arguments {
-  std::string model = "hopper", json;
+  std::string model = "hopper", json, keep;
   std::vector<std::string> effects;
   std::vector<std::string> scenarios{"none", "parameters", "single", "pair", "outside"};
   int trials = 20;
@@ -146,11 +147,14 @@ Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign,
   Score refused;
   refused.refused = 1;
   if (record.rows() == 0) return refused;
+  Score score = refused;
   try {
-    return judge(diagnose(record, *make_machine(a.model), {}), truth);
+    score = judge(diagnose(record, *make_machine(a.model), {}), truth);
   } catch (const RecordError&) {
-    return refused;
   }
+  if (!a.keep.empty() && score.right == 0)
+    write_record(std::filesystem::path(a.keep) / (truth.label + " " + std::to_string(seed) + ".csv"), record);
+  return score;
 }
 
 void run(const Arguments& a) {
@@ -160,6 +164,7 @@ void run(const Arguments& a) {
       throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
     return m;
   };
+  if (!a.keep.empty()) std::filesystem::create_directories(a.keep);
   Campaign campaign;
   campaign.experiments = a.experiments;
   campaign.period = a.period;
@@ -285,6 +290,8 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--jobs", a->jobs, "records diagnosed at a time; the table does not depend on it")
       ->check(CLI::Range(1, 256))
       ->capture_default_str();
+  command->add_option("--keep", a->keep, "write the records that were not diagnosed right, and nothing else, to DIR")
+      ->type_name("DIR");
   command->add_option("--json", a->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->callback([a] { run(*a); });
 }
