@@ -149,7 +149,7 @@ void choose_levels(Passages& w) {
     const double a = quantile(from, up ? 0.9 : 0.1), b = quantile(to, up ? 0.1 : 0.9);
     if (from.size() < 3 || (b > a) != up) {
       throw RecordError(w.record->name, "its steps are too short or too unlike for sections that all of them pass",
-                        "sample faster, or leave less out with --exclude");
+                        "sample faster, or leave out of the record the steps that are not like the others");
     }
     for (int j = 0; j < w.per_chart; ++j)
       w.level.push_back(a + (b - a) * (w.per_chart == 1 ? 0.5 : static_cast<double>(j) / (w.per_chart - 1)));

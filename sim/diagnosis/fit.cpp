@@ -189,6 +189,19 @@ void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd
 
 }  // namespace
 
+bool sensible(const Machine& machine, const Fit& f) {
+  const auto& all = machine.coefficients;
+  for (std::size_t i = 0; i < all.size(); ++i) {
+    if (all[i].physical_sum <= 0 || f.values[i] == all[i].nominal) continue;
+    double sum = f.values[i];
+    for (std::size_t k = 0; k < all.size(); ++k) {
+      if (all[k].name == all[i].refines) sum += f.values[k];
+    }
+    if (sum < 0.0) return false;
+  }
+  return true;
+}
+
 Fit declared_fit(const Problem& p) {
   Fit f;
   for (const Coefficient& c : p.machine->coefficients) f.values.push_back(c.nominal);

@@ -45,6 +45,9 @@ struct FitOptions {
 Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
         const FitOptions& options = {});
 
+// Could it be? A friction that is less one way than the other must still oppose the motion both ways.
+bool sensible(const Machine& machine, const Fit& f);
+
 // A fit at declared values and guessed starts, nothing adjusted.
 Fit declared_fit(const Problem& p);
 

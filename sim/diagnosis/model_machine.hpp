@@ -54,7 +54,7 @@ class ModelMachine final : public Machine {
     name = M::name;
     has_clock = clocked<M>;
     const auto add = [&](std::string label, std::string_view unit, double value, bool candidate) -> Coefficient& {
-      coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, -1.0});
+      coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, 0, -1.0});
       return coefficients.back();
     };
     visit_parameters(nominal, [&](auto label, auto unit, double value) {
@@ -171,6 +171,7 @@ class ModelMachine final : public Machine {
       if constexpr (requires { E::refines; }) {
         c.refines = "coulomb_friction";
         c.refines += label.substr(label.find('@'));
+        if constexpr (requires { E::physical_sum; }) c.physical_sum = E::physical_sum;
       }
     });
   }

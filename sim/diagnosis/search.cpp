@@ -22,6 +22,7 @@ Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> can
 }
 
 const Trial& Search::store(Trial t) {
+  if (!sensible(*p_.machine, t.fit)) t.fit.chi2 = std::numeric_limits<double>::infinity();
   t.bic = t.fit.cost() / inflation_ +
           static_cast<double>(t.effects.size()) * std::log(std::max(2.0, samples_ / inflation_));
   auto [it, added] = pool_.try_emplace(t.effects, t);
@@ -143,8 +144,7 @@ void Search::judge_scores(Gate& g) const {
   }
 }
 
-const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate,
-                             bool patient) {
+const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient) {
   const std::vector<int> set = with(from, added);
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
   std::vector<double> guesses;
@@ -304,8 +304,8 @@ void Search::unite(const Trial& t) {
   const auto i = v.find(a), j = v.find(b);
   if (i < 0 || j < 0) return;
   const Eigen::Vector2d x(change(a), change(b));
-  const double done = x[0] * x[0] * v.information(i, i) + 2.0 * x[0] * x[1] * v.information(i, j) +
-                      x[1] * x[1] * v.information(j, j);
+  const double done =
+      x[0] * x[0] * v.information(i, i) + 2.0 * x[0] * x[1] * v.information(i, j) + x[1] * x[1] * v.information(j, j);
   struct Single {
     int c;
     double start, left;

@@ -14,6 +14,7 @@ namespace {
 
 constexpr std::size_t most_effects = 4;
 constexpr double worth_asking = 24.0;   // [-] BIC above the result: what a rival predicts
+constexpr double much_better = 0.75;    // [-] of the error before
 constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
 
 // Mean square of the residual in units of the sensors' noise, and in how many independent numbers it comes: the sum of
@@ -94,7 +95,8 @@ const Attempt& Selection::attempt(const std::vector<int>& effects, const Fit& fr
     o.iterations = brief ? 8 : round == 0 ? 30 : 10;
     o.enough = brief ? 1.0 : 0.3;
     a.fit = fit(p_, segments_, a.fit, effects, o);
-    if (!std::isfinite(a.fit.chi2)) {  // the start of the fit cannot be run: as if it explained nothing
+    // The start of the fit cannot be run, or its end cannot be: as if it explained nothing.
+    if (!std::isfinite(a.fit.chi2) || !sensible(*p_.machine, a.fit)) {
       a.scale = 1e100;
       break;
     }
@@ -199,7 +201,8 @@ double Selection::bar(std::size_t beside) const {
   return threshold_ * threshold_ * (1.0 + 0.5 * static_cast<double>(beside));
 }
 bool Selection::convincing(const Trial1& t) const {
-  return t.gain > bar(t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
+  const bool plain = t.predicted < much_better && t.better == t.parts;  // every part says so, and loudly
+  return t.gain > bar(plain ? 0 : t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
 }
 
 const Attempt& Selection::run(const std::function<void(double)>& progress) {
@@ -244,7 +247,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     for (std::size_t i = 0; i < best.size() && !added; ++i) {
       const Attempt first = pool_.at(with(current.effects, best[i]));
       const Attempt more = attempt(first.effects, first.fit, first.noise);
-      if (cost(current, current) - cost(more, current) < bar(current.effects.size())) break;
+      if (cost(current, current) - cost(more, current) < bar(0)) break;
       Trial1 t = examine(more, current, best[i]);
       t.taken = convincing(t);
       account_.push_back(t);
@@ -306,6 +309,20 @@ bool Selection::take_pair(int first) {
   account_.push_back(b);
   if (a.taken) result_ = both.effects;
   return a.taken;
+}
+
+const Attempt& Selection::drop(int effect) {
+  const Attempt now = result();
+  Fit f = now.fit;
+  f.values[static_cast<std::size_t>(effect)] = p_.machine->coefficients[static_cast<std::size_t>(effect)].nominal;
+  result_ = without(result_, effect);
+  return attempt(result_, f, now.noise);
+}
+
+const Attempt& Selection::prefer(const Tie& t) {
+  result_ = with(without(result_, t.from), t.to);
+  const Attempt a = pool_.at(result_);
+  return attempt(a.effects, a.fit, a.noise);
 }
 
 const Attempt& Selection::adopt(const Attempt& a) {

@@ -53,6 +53,9 @@ class Selection {
     double predicted;      // [-] error of predicting parts left out, over the result's; NaN where far above
   };
   std::vector<Tie> ties();
+  // Takes the other of a tie for the result, and the result without one of its effects.
+  const Attempt& prefer(const Tie& t);
+  const Attempt& drop(int effect);
 
   const Attempt& base() const { return pool_.at({}); }
   const Attempt& result() const { return pool_.at(result_); }

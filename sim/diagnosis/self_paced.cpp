@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "../format.hpp"
+#include "core/trace/statistics.hpp"
 #include "selection.hpp"
 #include "story.hpp"
 
@@ -16,7 +17,8 @@ namespace {
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double close = 6.0;            // [-] BIC: no telling
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
-constexpr double noise_like = 1.5;       // [-] of the sensors' noise: nothing is missing
+const std::string no_run = "it is too short, or everywhere an error of the start grows more than twentyfold.";
+constexpr double noise_like = 1.5;  // [-] of the sensors' noise: nothing is missing
 
 bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance,
                   const std::vector<std::string>& patterns) {
@@ -46,8 +48,17 @@ bool same_kind(const std::string& a, const std::string& b) {
   return kind(a) == kind(b);
 }
 
+// Of the length asked for, or of half of it, and half again, where the part is shorter or cannot be foreseen so long.
+bool longest_free_run(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held,
+                      const Compared& values, bool traces) {
+  for (double length = horizon; length > 0.1 * horizon; length *= 0.5) {
+    if (run_free(d, record, w, length, held, values, traces)) return true;
+  }
+  return false;
+}
+
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
-void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, double gain) {
+void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, double gain, double false_alarm) {
   const std::vector<int>& effects = f.part.effects;
   const bool quiet = std::sqrt(scale_refit) < noise_like;
   d.self_paced.explained.assign(w.s.data.outputs(), false);
@@ -65,12 +76,21 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
     const double ratio = d.heldout.after / d.heldout.refit;
     const bool predicted = any && d.self_paced.runs.front().data == "held out";
     const bool improves = w.test.empty() || predicted || ratio < 0.97;
-    d.verdict = improves || ratio < 1.5 ? Verdict::effect_found : Verdict::unexplained;
+    bool worse = !d.self_paced.runs.empty() && d.self_paced.runs.front().data == "held out" && !any;
+    if (worse) {
+      const FreeRun& r = d.self_paced.runs.front();
+      double most = 0.0;
+      for (std::size_t j = 0; j < r.after.size(); ++j) most = std::max(most, r.after[j] / r.refit[j]);
+      worse = most > 1.1;
+    }
+    d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
     if (!improves)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +
                         " refitted, " + text(d.heldout.after) + " with it, in units of the noise." + outside(w));
   } else if (quiet) {
-    d.verdict = gain > d.threshold * d.threshold ? Verdict::parameters_only : Verdict::no_discrepancy;
+    const auto k = static_cast<double>(f.refit.free.size());
+    const bool moved = k > 0.0 && fisher_tail(gain / k, k, 1e6) < 0.1 * false_alarm;
+    d.verdict = moved ? Verdict::parameters_only : Verdict::no_discrepancy;
   } else {
     d.verdict = Verdict::unexplained;
   }
@@ -149,6 +169,15 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   f.refit = search.base().fit;
   f.part = search.result();
   f.ties = search.ties();
+  // Of what the likelihood cannot tell apart the better one predicts better what it was not fitted to.
+  const auto foresees = [](const Selection::Tie& a, const Selection::Tie& b) { return a.predicted < b.predicted; };
+  std::vector<Selection::Tie> near;
+  std::copy_if(f.ties.begin(), f.ties.end(), std::back_inserter(near),
+               [](const Selection::Tie& t) { return t.above < close && t.predicted < 0.98; });
+  if (!near.empty()) {
+    f.part = search.prefer(*std::min_element(near.begin(), near.end(), foresees));
+    f.ties = search.ties();
+  }
   f.left = search.evidence_of(f.part);
   f.before = search.base_evidence();
   f.alone = search.alone();
@@ -165,11 +194,25 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   progress(0.75, "estimating jointly");
   const std::vector<int> all_blocks = parts_of(w.lively.size());
   data.noise = w.sensors;
-  Selection joint(p, data, w.lively, all_blocks, candidates, options.false_alarm);
-  f.all = joint.adopt(f.part);
-  f.error = joint.errors(f.all);
-  f.all_refit = joint.base().fit;
-  f.refit_error = joint.errors(joint.base());
+  for (bool again = true; again;) {
+    again = false;
+    Selection joint(p, data, w.lively, all_blocks, candidates, options.false_alarm);
+    f.all = joint.adopt(f.part);
+    f.error = joint.errors(f.all);
+    f.all_refit = joint.base().fit;
+    f.refit_error = joint.errors(joint.base());
+    for (const int c : f.part.effects) {  // what all of the record cannot tell from nothing is not claimed
+      const auto at = std::find(f.all.fit.free.begin(), f.all.fit.free.end(), c) - f.all.fit.free.begin();
+      const auto k = static_cast<std::size_t>(c);
+      if (again || std::abs(f.all.fit.values[k] - machine.coefficients[k].nominal) > 1.96 * f.error[at]) continue;
+      d.notes.push_back(name_of(machine, c) +
+                        " was found in the fitted part but not in all of the record, and is not claimed.");
+      f.part = search.drop(c);
+      f.ties = search.ties();
+      again = true;
+    }
+    data.noise = w.sensors;
+  }
   lap("estimating jointly");
 
   data.noise = w.sensors;
@@ -205,22 +248,24 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     d.output_names.push_back(machine.outputs[j].name);
     d.output_units.push_back(machine.outputs[j].unit);
   }
-  const bool steps = record.chart_names.size() > 1;
+  const bool steps = machine.charts.size() > 1;
   const double horizon = options.horizon > 0.0 ? options.horizon : steps ? 0.2 : 4.0;
   if (!w.test.empty()) {
     const Compared values{declared.values, f.refit.values, f.part.fit.values};
-    run_free(d, record, w, horizon, true, values, true);
+    const bool told = longest_free_run(d, record, w, horizon, true, values, true);
+    if (!told) d.notes.push_back("No free run over the held-out part is told: " + no_run);
     const double rest = w.s.origin.back().end - w.held_from;
     if (std::isfinite(w.held_from) && rest > 1.5 * horizon) {
       run_free(d, record, w, rest - 2.0 * w.s.spacing, true, values, false);
     }
   }
-  run_free(d, record, w, horizon, false, {declared.values, f.all_refit.values, f.all.fit.values},
-           d.self_paced.traces.empty());
+  const Compared of_all{declared.values, f.all_refit.values, f.all.fit.values};
+  const bool told = longest_free_run(d, record, w, horizon, false, of_all, d.self_paced.traces.empty());
+  if (!told) d.notes.push_back("No free run over the fitted part is told: " + no_run);
   lap("running free");
 
   judge(d, w, f, search.base().scale,
-        f.part.independent * std::log(whole[0].squares / std::max(1e-300, whole[1].squares)));
+        f.part.independent * std::log(whole[0].squares / std::max(1e-300, whole[1].squares)), options.false_alarm);
   list_findings(d, w, f);
   list_parameters(d, w, f);
   list_candidates(d, w, f);

@@ -40,7 +40,8 @@ Misfit misfit(const Work& w, const std::vector<int>& segments, const Fit& values
 struct Compared {
   const std::vector<double>&declared, &refit, &after;
 };
-void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held, const Compared& values,
+// and say whether there were any.
+bool run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held, const Compared& values,
               bool traces);
 
 // Where the held-out part goes beyond what was fitted; empty where it does not.

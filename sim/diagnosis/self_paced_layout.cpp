@@ -6,6 +6,13 @@
 #include "self_paced.hpp"
 
 namespace saltus::diagnosis {
+namespace {
+
+constexpr std::size_t enough_stretches = 8;
+constexpr double shortest = 0.25;  // [s] of a stretch that was not asked for
+
+}  // namespace
+
 std::vector<int> parts_of(std::size_t stretches) {
   const std::size_t parts = stretches < 16 ? std::min<std::size_t>(8, stretches) : 4;
   std::vector<int> r;
@@ -18,10 +25,8 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
   Cut cut;
   cut.length = o.stretch;
   cut.skip = touched(record, machine, cut);
-  w.s = cut_into_stretches(record, machine, cut);
   w.p.machine = &machine;
   w.p.data = &w.s.data;
-  w.p.h_max = 1.2 * w.s.spacing;
   for (std::size_t i = 0; i < machine.declared; ++i) {
     const Coefficient& c = machine.coefficients[i];
     double tolerance = c.candidate ? 0.0 : (c.uncertainty >= 0.0 ? c.uncertainty : 0.02) * std::abs(c.nominal);
@@ -30,10 +35,19 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
     }
     w.p.tolerance.push_back(tolerance);
   }
-  guess_starts_from_data(w.p, w.s.data, record.name);
-  halve_unstable(w.p, w.s, record.name);
+  std::vector<int> still;
+  for (;;) {
+    w.s = cut_into_stretches(record, machine, cut);
+    w.p.h_max = 1.2 * w.s.spacing;
+    guess_starts_from_data(w.p, w.s.data, record.name);
+    halve_unstable(w.p, w.s, record.name);
+    still = standing_still(w.s);
+    // A short record, or one in which little moves, is cut finer.
+    const bool few = w.s.origin.size() - still.size() < enough_stretches;
+    if (!few || o.stretch > 0.0 || machine.charts.size() > 1 || w.s.length < 2.0 * shortest) break;
+    cut.length = 0.5 * w.s.length;
+  }
   w.sensors = w.s.data.noise;
-  const std::vector<int> still = standing_still(w.s);
 
   // The last experiments are held out, or the last part of the only one.
   const auto list = experiments(record);
@@ -61,6 +75,12 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
     if (!out && at.end > from) continue;  // astride
     (out ? w.test : w.train).push_back(i);
     w.lively.push_back(i);
+  }
+  if (w.train.size() < 4 && w.lively.size() >= 4) {
+    w.train = w.lively;
+    w.test.clear();
+    held.clear();
+    w.held_from = std::numeric_limits<double>::infinity();
   }
   d.held_out = held;
   if (w.train.size() < 4) {

@@ -31,7 +31,7 @@ Misfit misfit(const Work& w, const std::vector<int>& segments, const Fit& values
   return m;
 }
 
-void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held, const Compared& values,
+bool run_free(Diagnosis& d, const Record& record, const Work& w, double horizon, bool held, const Compared& values,
               bool traces) {
   Cut cut;
   cut.length = horizon;
@@ -47,7 +47,7 @@ void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon,
   try {
     s = cut_into_stretches(record, *w.p.machine, cut);
   } catch (const RecordError&) {
-    return;  // nothing that long
+    return false;  // nothing that long
   }
   Problem p = w.p;
   p.data = &s.data;
@@ -57,16 +57,13 @@ void run_free(Diagnosis& d, const Record& record, const Work& w, double horizon,
     const bool out = std::find(d.held_out.begin(), d.held_out.end(), s.origin[k].experiment) != d.held_out.end();
     if (std::isfinite(w.held_from) || out == held) which.push_back(static_cast<int>(k));
   }
-  if (which.empty()) return;
+  if (which.empty()) return false;
   FreeRun f = free_runs(p, which, horizon, values.declared, values.refit, values.after,
                         traces ? &d.self_paced.traces : nullptr);
   f.data = held ? "held out" : "fitted";
-  if (f.runs == 0) {
-    d.notes.push_back(format("No free run of %.3g s is told, ", horizon) + f.data +
-                      ": everywhere an error of the start grows more than twentyfold.");
-    return;
-  }
+  if (f.runs == 0) return false;
   d.self_paced.runs.push_back(std::move(f));
+  return true;
 }
 
 std::string outside(const Work& w) {

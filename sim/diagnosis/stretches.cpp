@@ -12,7 +12,7 @@ namespace {
 
 constexpr double usual_length = 2.0;        // [s] of a machine that swings on
 constexpr double usual_in_a_step = 0.2;     // [s] between impacts
-constexpr double gap = 2.5;                 // [-] of the usual spacing: beyond it samples are missing
+constexpr double lost = 0.1;                // [s] without a sample that does not end a stretch: the input held on
 constexpr double history = 0.25;            // [s] of input kept from before a stretch, for inputs that act late
 constexpr std::size_t fewest_samples = 12;  // in a stretch
 
@@ -50,9 +50,11 @@ struct Piece {
   int chart = 0;
 };
 
-std::vector<Piece> pieces_of(const Record& record, const std::vector<int>& charts, double spacing, const Cut& cut,
-                             std::size_t& ringing) {
+std::vector<Piece> pieces_of(const Record& record, const Machine& machine, const std::vector<int>& charts,
+                             double spacing, const Cut& cut, std::size_t& ringing) {
   std::vector<Piece> r;
+  const bool steps = machine.charts.size() > 1;
+  const double gap = std::max(2.5 * spacing, lost);  // [s]
   for (const Experiment& e : experiments(record)) {
     const std::size_t end = e.first_row + e.rows;
     std::size_t unbroken = e.first_row;
@@ -60,23 +62,26 @@ std::vector<Piece> pieces_of(const Record& record, const std::vector<int>& chart
       std::size_t to = from + 1;
       const auto key = [&](std::size_t i) { return record.chart.empty() ? 0 : record.chart[i]; };
       const auto skipped = [&](std::size_t i) { return !cut.skip.empty() && cut.skip[i]; };
-      while (to < end && key(to) == key(from) && skipped(to) == skipped(from) &&
-             record.t[to] - record.t[to - 1] < gap * spacing)
-        ++to;
+      const auto same_step = [&](std::size_t i) {
+        return key(i) == key(from) && (!steps || record.cycle.empty() || record.cycle[i] == record.cycle[from]);
+      };
+      while (to < end && same_step(to) && skipped(to) == skipped(from) && record.t[to] - record.t[to - 1] < gap) ++to;
       Piece p{from, to - from, 0, 0};
       const bool known = (record.chart.empty() || key(from) >= 0) && !skipped(from);
       if (known && !charts.empty()) p.chart = charts[static_cast<std::size_t>(std::max(0, key(from)))];
-      if (!record.chart.empty() && record.chart_names.size() > 1) {
+      if (steps) {
         // The first row and the last of an experiment are taken for impacts, too: who cuts walks into pieces cuts
         // there.
-        const auto drop = static_cast<std::size_t>(std::lround(cut.exclude / spacing));
-        ringing += std::min(p.rows, 2 * drop);
-        p.first += std::min(p.rows, drop);
-        p.rows = p.rows > 2 * drop ? p.rows - 2 * drop : 0;
+        std::size_t begin = from, stop = to;
+        while (begin < stop && record.t[begin] < record.t[from] + cut.exclude - 0.5 * spacing) ++begin;
+        while (stop > begin && record.t[stop - 1] > record.t[to - 1] - cut.exclude + 0.5 * spacing) --stop;
+        ringing += p.rows - (stop - begin);
+        p.first = begin;
+        p.rows = stop - begin;
       }
       p.history = p.first - unbroken;
       if (known && p.rows >= fewest_samples) r.push_back(p);
-      if (to < end && record.t[to] - record.t[to - 1] >= gap * spacing) unbroken = to;
+      if (to < end && record.t[to] - record.t[to - 1] >= gap) unbroken = to;
       from = to;
     }
   }
@@ -146,10 +151,10 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
   std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
   s.spacing = steps[steps.size() / 2];
   for (const double d : steps) {
-    if (d < gap * s.spacing) s.jitter = std::max(s.jitter, std::abs(d / s.spacing - 1.0));
+    if (d < 2.5 * s.spacing) s.jitter = std::max(s.jitter, std::abs(d / s.spacing - 1.0));
   }
-  const auto pieces = pieces_of(record, charts, s.spacing, cut, s.ringing);
-  s.length = cut.length > 0.0 ? cut.length : record.chart_names.size() > 1 ? usual_in_a_step : usual_length;
+  const auto pieces = pieces_of(record, machine, charts, s.spacing, cut, s.ringing);
+  s.length = cut.length > 0.0 ? cut.length : machine.charts.size() > 1 ? usual_in_a_step : usual_length;
   const auto aim =
       std::max<std::size_t>(fewest_samples, static_cast<std::size_t>(std::lround(s.length / s.spacing)) + 1);
   for (const Piece& p : pieces) {

@@ -3,8 +3,8 @@
 // candidate. `physical` is the sign a coefficient must have: +1 for what dissipates, 0 for either.
 //
 // A port says what it is: `internal` (between two parts of the machine, its displacement counted from rest),
-// `rotary` (an angle: rad and N m in the place of m and N; with `turns`, one that goes round and round). With neither it
-// is a displacement against the world.
+// `rotary` (an angle: rad and N m in the place of m and N; with `turns`, one that goes round and round). With neither
+// it is a displacement against the world.
 #pragma once
 
 #include <cmath>
@@ -59,9 +59,7 @@ struct Coulomb {
   static constexpr int physical = 1;
   static constexpr bool kinked = true;
   S F = 0.0;  // [N]
-  static constexpr auto parameters() {
-    return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &Coulomb::F}};
-  }
+  static constexpr auto parameters() { return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &Coulomb::F}}; }
   S force(P, const S&, const S& rate) const noexcept { return -F * tanh(rate / sticking_rate); }
 };
 
@@ -70,6 +68,7 @@ template <class P, class S = double>
 struct AsymmetricCoulomb {
   static constexpr std::string_view law = "asymmetric_coulomb";
   static constexpr int physical = 0;
+  static constexpr int physical_sum = 1;  // with the friction that it refines
   static constexpr bool kinked = true;
   static constexpr bool refines = true;  // of Coulomb: considered only where the data can tell the two apart
   S F = 0.0;                             // [N]
@@ -88,9 +87,7 @@ struct Stribeck {
   static constexpr bool refines = true;  // of Coulomb: considered only where the data can tell the two apart
   static constexpr double scale = 0.5;   // [m/s or rad/s]
   S F = 0.0;                             // [N]
-  static constexpr auto parameters() {
-    return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &Stribeck::F}};
-  }
+  static constexpr auto parameters() { return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &Stribeck::F}}; }
   S force(P, const S&, const S& rate) const noexcept {
     return -F * exp(abs(rate) * (-1.0 / scale)) * tanh(rate / sticking_rate);
   }
@@ -115,9 +112,7 @@ struct ConstantForce {
   static constexpr std::string_view law = "constant_force";
   static constexpr int physical = 0;
   S F = 0.0;  // [N]
-  static constexpr auto parameters() {
-    return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &ConstantForce::F}};
-  }
+  static constexpr auto parameters() { return std::array{Parameter{"F", Rotary<P> ? "N m" : "N", &ConstantForce::F}}; }
   S force(P, const S&, const S&) const noexcept { return F; }
 };
 

@@ -68,7 +68,6 @@ struct CompassGaitRobot {
   static constexpr double uncertainty(std::string_view parameter) {
     if (parameter == "hip_mass") return 0.5;
     if (parameter == "hip_gravity_mass") return 2.0;
-    if (parameter.substr(0, 3) == "com" || parameter.substr(0, 7) == "inertia") return 0.05;
     if (parameter == "leg_length") return 0.005;
     return parameter == "g" ? 0.001 : -1.0;
   }

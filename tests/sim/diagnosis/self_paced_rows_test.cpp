@@ -1,0 +1,92 @@
+// Records that no clock paces as they come: rows lost, too short, little moving; and laws that must make sense.
+#include <algorithm>
+#include <cmath>
+
+#include "core/random.hpp"
+#include "sim/diagnosis/diagnosis.hpp"
+#include "sim/diagnosis/stretches.hpp"
+#include "sim/diagnosis/synthetic.hpp"
+#include "tests/support/catch.hpp"
+
+using namespace saltus;
+using namespace saltus::diagnosis;
+
+namespace {
+
+// A leg on a bench, driven by two tones, with what it has beside its model. Of its rows the share `lost` is missing.
+Record leg(const std::vector<std::pair<std::string, double>>& truth, double seconds, double lost, std::uint64_t seed) {
+  const auto m = make_machine("leg_bench");
+  std::vector<double> values;
+  REQUIRE(values_with(*m, truth, values));
+  Random random(seed);
+  std::vector<double> t, u;
+  for (int i = 0; i < static_cast<int>(std::lround(seconds / 0.005)); ++i) {
+    const double now = 0.005 * i;
+    t.push_back(now);
+    u.push_back(3.0 * std::sin(5.0 * now) + 2.5 * std::sin(8.1 * now + 1.0));
+  }
+  const Response y = m->values_only(values, Course{t, u, 0, 0.0025}, Start{0, {0.6, 0.0}});
+  REQUIRE(usable(y.status));
+  Record r;
+  r.name = "leg";
+  r.model = "leg_bench";
+  r.inputs = {{"u", "V", {}}};
+  r.outputs = {{"angle", "rad", {}}};
+  for (std::size_t i = 0; i < t.size(); ++i) {
+    const double noise = 1e-3 * random.normal();
+    if (random.uniform() < lost) continue;
+    r.experiment.push_back(0);
+    r.t.push_back(t[i]);
+    r.inputs[0].values.push_back(u[i]);
+    r.outputs[0].values.push_back(y.y[i] + noise);
+  }
+  return r;
+}
+
+Diagnosis judged(const Record& r, const Options& o = {}) {
+  const auto m = make_machine(r.model);
+  return diagnose(r, *m, o);
+}
+
+double value_of(const Diagnosis& d, const std::string& name) {
+  for (const Finding& f : d.effects) {
+    if (f.name == name) return f.value;
+  }
+  return std::nan("");
+}
+
+}  // namespace
+
+TEST_CASE("a tenth of the rows lost: the stretches stay whole and the frictions are the same", "[self-paced]") {
+  const Record r = leg({{"viscous_damper@hip", 0.0015}, {"coulomb_friction@hip", 0.006}}, 24.0, 0.1, 7);
+  const Stretches s = cut_into_stretches(r, *make_machine("leg_bench"), {});
+  CHECK(s.origin.size() <= 13);
+  CHECK(s.origin.back().end > 23.5);
+  const Diagnosis d = judged(r);
+  CHECK(d.verdict == Verdict::effect_found);
+  CHECK(d.effects.size() == 2);
+  CHECK(std::abs(value_of(d, "viscous_damper@hip") - 0.0015) < 3e-4);
+  CHECK(std::abs(value_of(d, "coulomb_friction@hip") - 0.006) < 6e-4);
+  CHECK_FALSE(d.self_paced.runs.empty());
+}
+
+TEST_CASE("four seconds are enough to say how well a model with what was found elsewhere predicts", "[self-paced]") {
+  Options o;
+  o.set = {{"viscous_damper@hip", 0.0015}, {"coulomb_friction@hip", 0.006}};
+  const Diagnosis with = judged(leg(o.set, 4.2, 0.0, 8), o), without = judged(leg(o.set, 4.2, 0.0, 8));
+  CHECK(with.effects.empty());
+  CHECK((with.verdict == Verdict::no_discrepancy || with.verdict == Verdict::parameters_only));
+  REQUIRE_FALSE(with.self_paced.runs.empty());
+  REQUIRE_FALSE(without.self_paced.runs.empty());
+  CHECK(with.self_paced.runs.front().before[0] < 0.01);  // [rad], never fitted
+  CHECK(without.self_paced.runs.front().before[0] > 0.03);
+}
+
+TEST_CASE("dry friction and a constant torque are not called a friction that pushes one way", "[self-paced]") {
+  const Diagnosis d = judged(leg({{"coulomb_friction@hip", 0.004}, {"constant_force@hip", 0.008}}, 24.0, 0.0, 9));
+  CHECK(d.verdict == Verdict::effect_found);
+  CHECK(std::abs(value_of(d, "coulomb_friction@hip") - 0.004) < 4e-4);
+  CHECK(std::isnan(value_of(d, "asymmetric_coulomb@hip")));
+  const double torque = value_of(d, "constant_force@hip"), bias = value_of(d, "input_bias");
+  CHECK((std::abs(torque - 0.008) < 8e-4 || std::abs(bias * 0.0182 - 0.008) < 8e-4));
+}
