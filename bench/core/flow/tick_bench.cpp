@@ -3,11 +3,10 @@
 // them, and alone in the empty loop; the far tail is the machine's.
 #include <benchmark/benchmark.h>
 
-#include <algorithm>
-#include <chrono>
 #include <memory>
 #include <vector>
 
+#include "bench/quantiles.hpp"
 #include "core/flow/advance.hpp"
 #include "core/spectrum/estimator.hpp"
 #include "sim/models/hopper.hpp"
@@ -16,27 +15,6 @@ namespace {
 
 using namespace saltus;
 constexpr int sections = 32, period = 64, tones = 31;
-
-template <class Work>
-void time_ticks(benchmark::State& state, const Work& work) {
-  std::vector<std::int64_t> took;
-  took.reserve(4'000'000);
-  std::int64_t n = 0;
-  for (auto _ : state) {
-    const auto begin = std::chrono::steady_clock::now();
-    work(n++);
-    const auto end = std::chrono::steady_clock::now();
-    if (took.size() < took.capacity()) took.push_back(std::chrono::nanoseconds(end - begin).count());
-  }
-  std::sort(took.begin(), took.end());
-  const auto quantile = [&](double q) {
-    return static_cast<double>(took[static_cast<std::size_t>(q * static_cast<double>(took.size() - 1))]);
-  };
-  state.counters["median"] = quantile(0.5);
-  state.counters["p99"] = quantile(0.99);
-  state.counters["p99.99"] = quantile(0.9999);
-  state.counters["max"] = quantile(1.0);
-}
 
 void tick(benchmark::State& state) {
   const Hopper<> m;
@@ -63,13 +41,13 @@ void tick(benchmark::State& state) {
   for (std::int64_t n = 0; n < 4 * sections * period; ++n) work(n);
   e->restart();
   for (std::int64_t n = 0; n < 4 * sections * period; ++n) work(n);
-  time_ticks(state, [&](std::int64_t n) { work(n + 4 * sections * period); });
+  time_each(state, [&](std::int64_t n) { work(n + 4 * sections * period); });
   state.SetLabel(std::string(name(worst)));
 }
 BENCHMARK(tick)->Name("a tick, 93 lines of 2 signals | saltus");
 
 void empty(benchmark::State& state) {
-  time_ticks(state, [](std::int64_t) {});
+  time_each(state, [](std::int64_t) {});
 }
 BENCHMARK(empty)->Name("a tick, 93 lines of 2 signals | empty loop");
 
