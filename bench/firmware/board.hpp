@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 namespace board {
 
@@ -11,5 +12,10 @@ std::uint32_t instructions_since(std::uint32_t begin) noexcept;
 
 // Largest number of bytes of stack that `work` had in use; on a host 0.
 std::uint32_t stack_of(void (*work)()) noexcept;
+
+// The serial line; on a host, descriptor 3. Waits until all is sent, or come. False: there is nobody (a board cannot
+// tell).
+bool send(std::span<const std::uint8_t> bytes) noexcept;
+bool receive(std::span<std::uint8_t> bytes) noexcept;
 
 }  // namespace board

@@ -90,4 +90,32 @@ std::uint32_t instructions_since(std::uint32_t begin) noexcept { return ((begin 
   return static_cast<std::uint32_t>((here + 16 - p) * 4);
 }
 
+// The board's first UART (CMSDK APB UART: DATA, STATE, CTRL, INTSTATUS, BAUDDIV), by polling.
+static volatile std::uint32_t* uart() noexcept {
+  volatile std::uint32_t* const u = reinterpret_cast<volatile std::uint32_t*>(0x40004000u);
+  if (u[2] == 0) {
+    u[4] = 16;  // the least that it takes
+    u[2] = 3;   // both directions
+  }
+  return u;
+}
+
+bool send(std::span<const std::uint8_t> bytes) noexcept {
+  for (const std::uint8_t b : bytes) {
+    while ((uart()[1] & 1u) != 0) {
+    }
+    uart()[0] = b;
+  }
+  return true;
+}
+
+bool receive(std::span<std::uint8_t> bytes) noexcept {
+  for (std::uint8_t& b : bytes) {
+    while ((uart()[1] & 2u) == 0) {
+    }
+    b = static_cast<std::uint8_t>(uart()[0]);
+  }
+  return true;
+}
+
 }  // namespace board

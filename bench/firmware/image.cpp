@@ -5,62 +5,26 @@
 // The same source is a host's program: the hash of all states must be the same. bench/firmware/run shows both.
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cstdint>
-#include <cstdio>
 #include <string_view>
 
 #include "board.hpp"
 #include "core/flow/advance.hpp"
 #include "core/spectrum/estimator.hpp"
 #include "core/trace/alarm.hpp"
+#include "print.hpp"
 #include "sim/models/hopper.hpp"
 
 namespace {
 
 using namespace saltus;
+using board::Hash;
+using board::Line;
 
 constexpr int sections = 32, period = 16, tones = 7, harmonics = 1;
 constexpr std::int64_t length = sections * period, ticks = 64;  // a stimulus period [sample], a turn [tick]
 constexpr std::int64_t settling = 60, weakening = settling + 24, end = settling + 48;  // [cycle]
 constexpr std::array<double, 2> noise{1e-4, 1e-3};                                     // [m], [m/s]
-
-class Line {
- public:
-  Line& operator<<(std::string_view text) noexcept {
-    for (const char c : text) put(c);
-    return *this;
-  }
-  Line& operator<<(std::int64_t x) noexcept {
-    if (x >= 10) *this << x / 10;
-    put(static_cast<char>('0' + x % 10));
-    return *this;
-  }
-  Line& hex(std::uint64_t x) noexcept {
-    for (int shift = 60; shift >= 0; shift -= 4) put("0123456789abcdef"[x >> shift & 15]);
-    return *this;
-  }
-  ~Line() { std::puts(text_.data()); }
-
- private:
-  void put(char c) noexcept {
-    if (n_ + 1 < text_.size()) text_[n_++] = c;
-  }
-  std::array<char, 96> text_{};
-  std::size_t n_ = 0;
-};
-
-// FNV-1a over the bytes of numbers.
-class Hash {
- public:
-  void add(double x) noexcept {
-    for (int i = 0; i < 64; i += 8) sum_ = (sum_ ^ (std::bit_cast<std::uint64_t>(x) >> i & 0xff)) * 0x100000001b3;
-  }
-  std::uint64_t sum() const noexcept { return sum_; }
-
- private:
-  std::uint64_t sum_ = 0xcbf29ce484222325;
-};
 
 // What a part of the loop costs [instruction].
 class Cost {

@@ -17,9 +17,17 @@ cortex_m7=(-mcpu=cortex-m7 -mthumb -mfpu=fpv5-d16 -mfloat-abi=hard -fno-exceptio
            -T "$root/bench/firmware/cortex_m7.ld" "$root/bench/firmware/board_cortex_m7.cpp")
 
 # Runs an image on the mps2-an500 board, one nanosecond an instruction; exits as its main() does.
-on_cortex_m7() {
-  qemu-system-arm -M mps2-an500 -cpu cortex-m7 -icount shift=0 -nographic -monitor none -serial none \
-    -chardev stdio,id=host -semihosting-config enable=on,target=native,chardev=host -kernel "$1" </dev/null
+mps2_an500=(qemu-system-arm -M mps2-an500 -cpu cortex-m7 -icount shift=0 -nographic -monitor none
+            -chardev stdio,id=host -semihosting-config enable=on,target=native,chardev=host)
+on_cortex_m7() { "${mps2_an500[@]}" -serial none -kernel "$1" </dev/null; }
+
+# Fails where an image could allocate, print or throw.
+without_allocator() {
+  if arm-none-eabi-nm -C "$1" | grep -iE 'malloc|calloc|realloc|free|operator (new|delete)|sbrk|printf|throw'; then
+    echo "an allocator or stdio is linked in"
+    return 1
+  fi
+  echo "no allocator, no stdio, no exceptions linked in"
 }
 
 # Names of the commands that are not there.
