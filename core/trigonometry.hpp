@@ -19,8 +19,9 @@ namespace saltus {
 namespace trigonometry {
 
 // x = quadrant pi/2 + angle + rest, |angle| <= pi/4 but for rounding.
+template <class T>
 struct Reduced {
-  double angle, rest;
+  T angle, rest;
   unsigned quadrant;  // 0 ... 3
 };
 
@@ -49,7 +50,7 @@ inline Sum difference(double a, double b) noexcept {
   return {d.high, d.low - (std::fma(n, rest, -product) + n * last)};
 }
 
-[[gnu::always_inline]] inline Reduced reduce(double x) noexcept {
+[[gnu::always_inline]] inline Reduced<double> reduce(double x) noexcept {
   constexpr double far = 0x1.921fb54442d18p+20;                                              // 2^20 quarter turns
   constexpr double p1 = 0x1.921fb544p+0, p2 = 0x1.0b4611a6p-34, p3 = 0x1.3198a2e037073p-69;  // pi/2, 33 bits in each
   constexpr double two_over_pi = 0x1.45f306dc9c883p-1;
@@ -68,7 +69,7 @@ inline Sum difference(double a, double b) noexcept {
   return {angle, (d.high - angle) + rest, static_cast<unsigned>(std::bit_cast<std::uint64_t>(shown) & 3)};
 }
 
-inline double sine(const Reduced& r) noexcept {
+inline double sine(const Reduced<double>& r) noexcept {
   const double y = r.angle, z = y * y, zz = z * z;
   const double low = -0x1.5555555555549p-3 + z * 0x1.111111110f8a6p-7;
   const double mid = -0x1.a01a019c1619dp-13 + z * 0x1.71de357b1bdd3p-19;
@@ -76,7 +77,7 @@ inline double sine(const Reduced& r) noexcept {
   return y + (z * y * (low + zz * (mid + zz * high)) + r.rest * (1.0 - 0.5 * z));
 }
 
-inline double cosine(const Reduced& r) noexcept {
+inline double cosine(const Reduced<double>& r) noexcept {
   const double y = r.angle, z = y * y, zz = z * z;
   const double low = 0x1.555555555554cp-5 - z * 0x1.6c16c16c1521fp-10;
   const double mid = 0x1.a01a019cbf629p-16 - z * 0x1.27e4f812b6690p-22;
@@ -85,19 +86,32 @@ inline double cosine(const Reduced& r) noexcept {
   return top + (((1.0 - top) - half) + (zz * (low + zz * (mid + zz * high)) - y * r.rest));
 }
 
+// In single precision Taylor's polynomials do: what they leave out is below 2^-29 and 2^-33.
+inline float sine(const Reduced<float>& r) noexcept {
+  const float y = r.angle, z = y * y;
+  const float sum = -1.0f / 6 + z * (1.0f / 120 + z * (-1.0f / 5040 + z * (1.0f / 362880)));
+  return y + (z * y * sum + r.rest * (1.0f - 0.5f * z));
+}
+
+inline float cosine(const Reduced<float>& r) noexcept {
+  const float y = r.angle, z = y * y, half = 0.5f * z, top = 1.0f - half;
+  const float sum = 1.0f / 24 + z * (-1.0f / 720 + z * (1.0f / 40320 - z * (1.0f / 3628800)));
+  return top + (((1.0f - top) - half) + (z * z * sum - y * r.rest));
+}
+
 }  // namespace trigonometry
 
 // Templates, so that beside the C library's functions of the same name they are never ambiguous.
 template <std::floating_point T>
 T sin(T x) noexcept {
-  const trigonometry::Reduced r = trigonometry::reduce(static_cast<double>(x));
+  const trigonometry::Reduced<double> r = trigonometry::reduce(static_cast<double>(x));
   const double s = r.quadrant % 2 == 0 ? trigonometry::sine(r) : trigonometry::cosine(r);
   return static_cast<T>(r.quadrant < 2 ? s : -s);
 }
 
 template <std::floating_point T>
 T cos(T x) noexcept {
-  const trigonometry::Reduced r = trigonometry::reduce(static_cast<double>(x));
+  const trigonometry::Reduced<double> r = trigonometry::reduce(static_cast<double>(x));
   const double c = r.quadrant % 2 == 0 ? trigonometry::cosine(r) : trigonometry::sine(r);
   return static_cast<T>(r.quadrant == 0 || r.quadrant == 3 ? c : -c);
 }
@@ -109,7 +123,7 @@ struct OnCircle {
 };
 template <std::floating_point T>
 OnCircle<T> on_circle(T x) noexcept {
-  const trigonometry::Reduced r = trigonometry::reduce(static_cast<double>(x));
+  const trigonometry::Reduced<double> r = trigonometry::reduce(static_cast<double>(x));
   const T s = static_cast<T>(trigonometry::sine(r)), c = static_cast<T>(trigonometry::cosine(r));
   switch (r.quadrant) {
     case 0:

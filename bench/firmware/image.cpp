@@ -5,6 +5,7 @@
 // The same source is a host's program: the hash of all states must be the same. bench/firmware/run shows both.
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <string_view>
 
@@ -25,6 +26,7 @@ constexpr int sections = 32, period = 16, tones = 7, harmonics = 1;
 constexpr std::int64_t length = sections * period, ticks = 64;  // a stimulus period [sample], a turn [tick]
 constexpr std::int64_t settling = 60, weakening = settling + 24, end = settling + 48;  // [cycle]
 constexpr std::array<double, 2> noise{1e-4, 1e-3};                                     // [m], [m/s]
+constexpr double amplitude = 0.01;                                                     // [N] of each tone
 
 // What a part of the loop costs [instruction].
 class Cost {
@@ -50,6 +52,8 @@ const Hopper<> model;
 Run<Hopper<>> machine_run, model_run;
 Timebase base;
 Multisine<tones> stimulus(static_cast<int>(length));
+Multisine<tones, float> single_stimulus(static_cast<int>(length));  // the same, for who has no double
+double stimulus_loss = 0.0;                                         // [-] of the sum of the amplitudes
 HtfEstimator<tones, harmonics, 2, sections, period> estimator;
 HtfEstimator<tones, harmonics, 2, sections, period, float> single;  // the same in half the memory
 std::array<std::array<double, 2>, sections> baseline{};             // the undriven cycle
@@ -58,7 +62,7 @@ Random random(3);
 Input<Hopper<>> u;
 Status worst = Status::ok;
 
-Cost generating, ticking, integrating, estimating, estimating_single, watching;
+Cost generating, generating_single, ticking, integrating, estimating, estimating_single, watching;
 Hash hash;
 
 void tick() noexcept { worst = worse(worst, step(machine, machine_run, u, base).status); }
@@ -93,6 +97,10 @@ void sample(std::int64_t n) noexcept {
     begin = board::now();
     u[0] = stimulus(n);
     generating.add(begin);
+    begin = board::now();
+    const float approximate = single_stimulus(n);
+    generating_single.add(begin);
+    stimulus_loss = std::max(stimulus_loss, std::fabs(double{approximate} - u[0]) / (tones * amplitude));
   }
   for (std::int64_t i = 0; i < ticks / sections; ++i) {
     begin = board::now();
@@ -108,10 +116,12 @@ bool set_up() noexcept {
   std::array<int, tones> lines{};
   for (int k = 0; k < tones; ++k) {
     lines[static_cast<std::size_t>(k)] = k + 1 + k % 3 * period;
-    if (!stimulus.add({lines[static_cast<std::size_t>(k)], 0.01, 0.0})) return false;
+    const Tone tone{lines[static_cast<std::size_t>(k)], amplitude, 0.0};
+    if (!stimulus.add(tone) || !single_stimulus.add(tone)) return false;
   }
-  Random phases(2);
+  Random phases(2), same_phases(2);
   stimulus.randomise_phases(phases);
+  single_stimulus.randomise_phases(same_phases);
   machine_run.at = model_run.at = start_of(model);
   return estimator.configure(sections, period, lines, harmonics) == Status::ok &&
          single.configure(sections, period, lines, harmonics) == Status::ok &&
@@ -154,6 +164,7 @@ void experiment() noexcept {
     }
   }
   hash.add(loss());
+  hash.add(stimulus_loss);
   hash.add(alarm.state().z);
   hash.add(static_cast<double>(raised));
   Line() << "alarm in cycle " << raised << ", section " << std::int64_t{alarm.state().section} << ", output "
@@ -169,6 +180,7 @@ int main() {
   Line() << "status " << name(worst);
   (Line() << "hash ").hex(hash.sum());
   generating.print("stimulus, instructions a sample");
+  generating_single.print("stimulus in single precision, instructions a sample");
   ticking.print("tick, instructions");
   for (int i = 0; i < 100; ++i) {
     const std::uint32_t begin = board::now();
@@ -178,7 +190,8 @@ int main() {
   integrating.print("Runge-Kutta step of five states, instructions");
   estimating.print("estimator, instructions a sample");
   estimating_single.print("estimator in single precision, instructions a sample");
-  Line() << "single precision: lines off by " << static_cast<std::int64_t>(1e10 * loss())
+  Line() << "single precision: stimulus off by " << static_cast<std::int64_t>(1e10 * stimulus_loss)
+         << "e-10 of its amplitudes, lines by " << static_cast<std::int64_t>(1e10 * loss())
          << "e-10 of the largest; bytes " << std::int64_t{sizeof single} << " instead of "
          << std::int64_t{sizeof estimator};
   watching.print("alarm, instructions a sample");

@@ -145,8 +145,8 @@ class HtfEstimator {
 
   // H_l(omega_k) = Y(omega_k + 2 pi l / N) / U(omega_k) [channel's unit / input unit], U known. Not finite where the
   // stimulus has no such tone.
-  template <int StimulusTones>
-  Complex htf(int k, int l, int channel, const Multisine<StimulusTones>& stimulus) const noexcept {
+  template <int StimulusTones, class S>
+  Complex htf(int k, int l, int channel, const Multisine<StimulusTones, S>& stimulus) const noexcept {
     return quotient(line(k, l, channel), stimulus.spectrum(tone_line(k)));
   }
 

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <numbers>
+#include <type_traits>
 
 #include "../linalg.hpp"
 #include "../trigonometry.hpp"
@@ -15,7 +16,9 @@ namespace saltus {
 
 // x modulo n in 0 ... n - 1, n >= 1.
 constexpr std::int64_t wrap(std::int64_t x, std::int64_t n) noexcept {
-  const std::int64_t r = x % n;
+  const auto short_x = static_cast<std::int32_t>(x), short_n = static_cast<std::int32_t>(n);
+  // A division of 32 bits is an instruction where one of 64 is a subroutine.
+  const std::int64_t r = short_x == x && short_n == n ? short_x % short_n : x % n;
   return r < 0 ? r + n : r;
 }
 
@@ -25,9 +28,11 @@ inline Complex phasor(double angle) noexcept {
   return {p.cos, p.sin};
 }
 
-// exp(2 pi i j / n) to within an ulp in each part, 1 <= n < 2^31. The index is reduced to the first octant as an
-// integer, so quarter turns and mirror images are exact.
-inline Complex root_of_unity(std::int64_t j, std::int64_t n) noexcept {
+// exp(2 pi i j / n) to within an ulp in each part, 1 <= n < 2^31 (of T = float: 2^24). The index is reduced to the
+// first octant as an integer, so quarter turns and mirror images are exact.
+template <class T = double>
+std::complex<T> root_of_unity(std::int64_t j, std::int64_t n) noexcept {
+  static_assert(std::is_same_v<T, double> || std::is_same_v<T, float>);
   std::int64_t t = 8 * wrap(j, n);  // the angle is (pi / 4) t / n
   const bool below = t > 4 * n;
   if (below) t = 8 * n - t;
@@ -36,21 +41,22 @@ inline Complex root_of_unity(std::int64_t j, std::int64_t n) noexcept {
   const bool steep = t > n;
   if (steep) t = 2 * n - t;
 
-  constexpr double quarter = 0x1.921fb54442d18p-1, quarter_rest = 0x1.1a62633145c07p-55;  // pi / 4 in two parts
-  const double top = static_cast<double>(t), full = static_cast<double>(n);
-  const double r = top / full, r_rest = std::fma(-r, full, top) / full;
-  const double angle = quarter * r;
-  const double rest = std::fma(quarter, r, -angle) + quarter * r_rest + quarter_rest * r;
-  const trigonometry::Reduced reduced{angle, rest, 0};
-  const double c = trigonometry::cosine(reduced), s = trigonometry::sine(reduced);
+  constexpr double in_double = 0x1.921fb54442d18p-1, beyond = 0x1.1a62633145c07p-55;  // pi / 4
+  constexpr T quarter = static_cast<T>(in_double), quarter_rest = static_cast<T>((in_double - quarter) + beyond);
+  const T top = static_cast<T>(static_cast<std::int32_t>(t)), full = static_cast<T>(static_cast<std::int32_t>(n));
+  const T r = top / full, r_rest = std::fma(-r, full, top) / full;
+  const T angle = quarter * r;
+  const T rest = std::fma(quarter, r, -angle) + quarter * r_rest + quarter_rest * r;
+  const trigonometry::Reduced<T> reduced{angle, rest, 0};
+  const T c = trigonometry::cosine(reduced), s = trigonometry::sine(reduced);
 
-  double x = steep ? s : c, y = steep ? c : s;
-  if (t == n) x = y = 0.5 * std::numbers::sqrt2;  // the diagonal, where the two could differ by an ulp
+  T x = steep ? s : c, y = steep ? c : s;
+  if (t == n) x = y = std::numbers::sqrt2_v<T> / 2;  // the diagonal, where the two could differ by an ulp
   return {left ? -x : x, below ? -y : y};
 }
 
 // All of them: exp(2 pi i j / L), j = 0 ... L - 1, with L chosen at run time up to Capacity.
-template <int Capacity>
+template <int Capacity, class T = double>
 class Twiddles {
   static_assert(Capacity >= 1);
 
@@ -60,7 +66,7 @@ class Twiddles {
     if (length < 1 || length > Capacity) return false;
     length_ = length;
     for (int j = 0; j < length; ++j) {
-      const Complex w = root_of_unity(j, length);
+      const std::complex<T> w = root_of_unity<T>(j, length);
       cos_[static_cast<std::size_t>(j)] = w.real();
       sin_[static_cast<std::size_t>(j)] = w.imag();
     }
@@ -70,8 +76,8 @@ class Twiddles {
   int length() const noexcept { return length_; }
 
   // cos and sin of 2 pi j / L, 0 <= j < L.
-  double cos(int j) const noexcept { return cos_[static_cast<std::size_t>(j)]; }
-  double sin(int j) const noexcept { return sin_[static_cast<std::size_t>(j)]; }
+  T cos(int j) const noexcept { return cos_[static_cast<std::size_t>(j)]; }
+  T sin(int j) const noexcept { return sin_[static_cast<std::size_t>(j)]; }
 
   // a b modulo L, for any two integers: the index of exp(2 pi i a b / L).
   int index(std::int64_t a, std::int64_t b) const noexcept {
@@ -79,14 +85,14 @@ class Twiddles {
   }
 
   // exp(2 pi i a b / L).
-  Complex operator()(std::int64_t a, std::int64_t b = 1) const noexcept {
+  std::complex<T> operator()(std::int64_t a, std::int64_t b = 1) const noexcept {
     const int j = index(a, b);
     return {cos(j), sin(j)};
   }
 
  private:
-  std::array<double, Capacity> cos_{1.0};
-  std::array<double, Capacity> sin_{};
+  std::array<T, Capacity> cos_{1};
+  std::array<T, Capacity> sin_{};
   int length_ = 1;
 };
 

@@ -1,5 +1,6 @@
 #include "core/spectrum/twiddles.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -40,6 +41,24 @@ TEST_CASE("every root of unity is within an ulp", "[twiddles]") {
   CHECK(worst < 1.0L);
 }
 
+TEST_CASE("in single precision too", "[twiddles]") {
+  double worst = 0.0;
+  for (const int n : {1, 2, 3, 5, 7, 8, 12, 100, 2047, 2048, 65537}) {
+    for (int j = 0; j < n; ++j) {
+      const Complex exact = root_of_unity(j, n);
+      const std::complex<float> w = root_of_unity<float>(j, n);
+      const auto off = [&](double x, float y) {
+        const float next = std::nextafter(std::fabs(y), std::numeric_limits<float>::infinity());
+        return std::fabs(x - static_cast<double>(y)) / static_cast<double>(next - std::fabs(y));
+      };
+      worst = std::max({worst, off(exact.real(), w.real()), off(exact.imag(), w.imag())});
+    }
+  }
+  CHECK(worst < 1.0);
+  CHECK(root_of_unity<float>(3, 12) == std::complex<float>(0.0f, 1.0f));
+  CHECK(root_of_unity<float>(-100, 2048) == std::conj(root_of_unity<float>(100, 2048)));
+}
+
 TEST_CASE("quarter turns and mirror images are exact", "[twiddles]") {
   CHECK(root_of_unity(0, 12) == Complex(1.0, 0.0));
   CHECK(root_of_unity(3, 12) == Complex(0.0, 1.0));
@@ -51,6 +70,19 @@ TEST_CASE("quarter turns and mirror images are exact", "[twiddles]") {
       CHECK(root_of_unity(-j, n) == std::conj(w));
       CHECK(root_of_unity(j + n / 2, n) == -w);
       CHECK(root_of_unity(j + n / 4, n) == Complex(-w.imag(), w.real()));
+    }
+  }
+}
+
+TEST_CASE("an index is reduced alike whatever its size", "[twiddles]") {
+  constexpr std::int64_t two31 = std::int64_t{1} << 31;
+  for (const std::int64_t x :
+       {std::int64_t{0}, std::int64_t{17}, std::int64_t{-17}, two31 - 1, two31, -two31, -two31 - 1, 977 * two31 + 5}) {
+    for (const std::int64_t n : {std::int64_t{1}, std::int64_t{7}, two31 - 1, two31, 3 * two31}) {
+      const std::int64_t r = wrap(x, n);
+      CHECK(r >= 0);
+      CHECK(r < n);
+      CHECK((x - r) / n * n == x - r);
     }
   }
 }
