@@ -1,14 +1,18 @@
 // A whole campaign on an emulated machine: find its limit cycle, play every experiment of a plan, identify.
 #pragma once
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <functional>
 #include <memory>
+#include <mutex>
 
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/htf.hpp"
 #include "core/trace/drift_watch.hpp"
+#include "diagnosis/side_by_side.hpp"
 #include "eigenvalues.hpp"
 #include "hal/record.hpp"
 #include "identification.hpp"
@@ -28,7 +32,8 @@ struct CampaignOptions {
   std::vector<double>
       watch;  // [output unit] noise of each output, for the residual to be held against; empty: not watched
   double false_alarm = 1e-6;  // [-] probability, a cycle, that the watch cries out though nothing is wrong
-  std::function<void(const Drift&)> on_drift;  // at once, once an experiment
+  std::function<void(const Drift&)> on_drift;  // at once, once an experiment; by one thread at a time
+  int jobs = 1;  // experiments played at a time, each by a thread of its own; nothing that is found depends on it
 };
 
 template <class M>
@@ -69,21 +74,47 @@ std::vector<std::string> chart_names() {
   return names;
 }
 
-// Leaves the first `rows` of a record.
-inline void cut(Record& r, std::size_t rows) {
-  r.experiment.resize(rows);
-  r.cycle.resize(rows);
-  r.section.resize(rows);
-  r.t.resize(rows);
-  for (Channel& c : r.inputs) c.values.resize(rows);
-  for (Channel& c : r.outputs) c.values.resize(rows);
+// Puts the rows of one record behind those of another with the same channels.
+inline void append(Record& to, const Record& r) {
+  const auto put = [](auto& all, const auto& more) { all.insert(all.end(), more.begin(), more.end()); };
+  put(to.experiment, r.experiment);
+  put(to.cycle, r.cycle);
+  put(to.section, r.section);
+  put(to.t, r.t);
+  for (std::size_t i = 0; i < to.inputs.size(); ++i) put(to.inputs[i].values, r.inputs[i].values);
+  for (std::size_t i = 0; i < to.outputs.size(); ++i) put(to.outputs[i].values, r.outputs[i].values);
 }
+inline void empty(Record& r) {
+  for (auto* whole : {&r.experiment, &r.cycle, &r.section}) whole->clear();
+  r.t.clear();
+  for (Channel& c : r.inputs) c.values.clear();
+  for (Channel& c : r.outputs) c.values.clear();
+}
+
+// What it takes to play an experiment.
+template <class M, class Family>
+struct Station {
+  std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
+  std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
+  std::vector<double> stimulus;
+  std::vector<Complex> u;  // of the lines
+};
+
+// What came of one.
+struct Played {
+  Status status = Status::failed;
+  Identification id;  // the estimates alone
+  LineNoise noise;
+  std::vector<Drift> drifts;
+  Record rows;
+};
 
 // Starts every experiment on the limit cycle. `record`, when given, receives every sample, settling included. Status:
 // of the orbit search when that failed, failed when the cycle does not attract so that no experiment would settle
 // (nothing is identified then) or when the machine was far from it and did not say why, else the worst it reported.
 // `play(experiment, rig, stimulus, spectrum, samples, settle, estimator, on_sample)` plays one and returns its status;
-// it may begin one again, and the rig is for who wants one in this process.
+// it may begin one again, and the rig is for who wants one in this process. With several jobs it is called by several
+// threads at a time.
 template <class M, class Family, class Play>
 std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
                                           Record* record, const std::function<void(double)>& progress, Play&& play) {
@@ -114,11 +145,9 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   Output<M> noise = Output<M>::Zero();
   for (std::size_t i = 0; i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
     noise[static_cast<int>(i)] = o.noise[i];
-  using Estimator = LineEstimator<ny>;
-  const auto estimator = std::make_unique<Estimator>();
-  std::vector<typename Estimator::Sample> baseline;
+  std::vector<typename LineEstimator<ny>::Sample> baseline;
   for (const auto& y : c.orbit.output) {
-    typename Estimator::Sample s{};
+    typename LineEstimator<ny>::Sample s{};
     for (int i = 0; i < ny; ++i) s[static_cast<std::size_t>(i)] = y[i];
     baseline.push_back(s);
   }
@@ -129,20 +158,24 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     c.id.worst = Status::failed;
     return campaign;
   }
-  std::vector<double> stimulus(static_cast<std::size_t>(length));
-  using Watch = DriftWatch<M, Family, campaign_sections>;
-  std::unique_ptr<Watch> watch;
-  if (o.watch.size() == static_cast<std::size_t>(ny)) {
-    watch = std::make_unique<Watch>();
-    typename Watch::Sample band{};
-    std::copy(o.watch.begin(), o.watch.end(), band.begin());
-    Run<M> on_cycle;
-    on_cycle.at = c.orbit.point[0];
-    if (watch->configure(m, base, family, on_cycle, band, o.false_alarm, o.settle) != Status::ok) watch.reset();
-    c.id.watched = watch != nullptr;
+  std::vector<Station<M, Family>> stations(
+      std::clamp<std::size_t>(static_cast<std::size_t>(std::max(1, o.jobs)), 1, plan.experiments.size() + 1));
+  for (auto& station : stations) {
+    station.stimulus.resize(static_cast<std::size_t>(length));
+    if (o.watch.size() == static_cast<std::size_t>(ny)) {
+      station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
+      typename LineEstimator<ny>::Sample band{};
+      std::copy(o.watch.begin(), o.watch.end(), band.begin());
+      Run<M> on_cycle;
+      on_cycle.at = c.orbit.point[0];
+      if (station.watch->configure(m, base, family, on_cycle, band, o.false_alarm, o.settle) != Status::ok) {
+        station.watch.reset();
+      }
+      c.id.watched = station.watch != nullptr;
+    }
   }
-  const auto drifted = [&](std::size_t experiment) {
-    const auto d = watch->departure();
+  const auto drifted = [&](const auto& watch, std::size_t experiment) {
+    const auto d = watch.departure();
     Drift drift;
     drift.experiment = static_cast<int>(experiment);
     drift.cycle = d.cycle;
@@ -152,56 +185,80 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     if (d.output >= 0) drift.output = M::outputs[static_cast<std::size_t>(d.output)].name;
     return drift;
   };
-  LineNoise line_noise;
+  std::mutex telling;
+  std::size_t done = 0;
   const std::int64_t samples = (o.settle + o.periods * plan.options.period) * plan.options.sections;
-  for (std::size_t e = 0; e < plan.experiments.size(); ++e) {
+  const auto perform = [&](Station<M, Family>& at, std::size_t e, Played& result) {
     const auto& multisine = plan.experiments[e];
     std::vector<int> lines;
-    std::vector<Complex> u;
+    at.u.clear();
     for (int k = 0; k < multisine.tones(); ++k) {
       lines.push_back(multisine.tone(k).line);
-      u.push_back(multisine.spectrum(multisine.tone(k).line));
+      at.u.push_back(multisine.spectrum(multisine.tone(k).line));
     }
     Run<M> start;
     start.at = c.orbit.point[0];
     Rig<M, Family> rig(m, base, family, start, noise, o.seed + 1000003 * e);
-    if (!multisine.fill(*twiddles, stimulus) ||
-        estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
-        estimator->set_baseline(baseline) != Status::ok) {
-      c.id.worst = Status::failed;
-      return campaign;
+    if (!multisine.fill(*twiddles, at.stimulus) ||
+        at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
+        at.estimator->set_baseline(baseline) != Status::ok) {
+      return;
     }
-    const std::size_t rows = record == nullptr ? 0 : record->rows();
-    bool near = true, cried = false;
+    Record& rows = result.rows;
+    if (record != nullptr) {
+      rows.inputs.resize(1);
+      rows.outputs.resize(static_cast<std::size_t>(ny));
+    }
+    bool near = true;
     const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
       const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
-      if (watch) {
-        if (n == 0) watch->begin();
-        watch->push(Input<M>::Constant(input), y);
-        if (watch->raised() && !cried) {
-          cried = true;
-          c.id.drifts.push_back(drifted(e));
-          if (o.on_drift) o.on_drift(c.id.drifts.back());
+      if (at.watch) {
+        if (n == 0) at.watch->begin();
+        at.watch->push(Input<M>::Constant(input), y);
+        if (at.watch->raised() && result.drifts.empty()) {
+          result.drifts.push_back(drifted(*at.watch, e));
+          const std::lock_guard lock(telling);
+          if (o.on_drift) o.on_drift(result.drifts.back());
         }
       }
       if (record == nullptr) return;
-      if (n == 0) cut(*record, rows);
-      record->experiment.push_back(static_cast<int>(e));
-      record->cycle.push_back(static_cast<int>(n / plan.options.sections));
-      record->section.push_back(static_cast<int>(n % plan.options.sections));
-      record->t.push_back(static_cast<double>(n) * c.period / plan.options.sections);
-      record->inputs[0].values.push_back(input);
-      for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i) record->outputs[i].values.push_back(y[i]);
+      if (n == 0) empty(rows);
+      rows.experiment.push_back(static_cast<int>(e));
+      rows.cycle.push_back(static_cast<int>(n / plan.options.sections));
+      rows.section.push_back(static_cast<int>(n % plan.options.sections));
+      rows.t.push_back(static_cast<double>(n) * c.period / plan.options.sections);
+      rows.inputs[0].values.push_back(input);
+      for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i) rows.outputs[i].values.push_back(y[i]);
     };
     const Status s =
-        play(static_cast<std::int32_t>(e), rig, std::span<const double>(stimulus), std::span<const Complex>(u), samples,
-             o.settle * plan.options.sections, *estimator, on_sample);
-    c.id.worst = worse(c.id.worst, near || !usable(s) ? s : Status::failed);
+        play(static_cast<std::int32_t>(e), rig, std::span<const double>(at.stimulus), std::span<const Complex>(at.u),
+             samples, o.settle * plan.options.sections, *at.estimator, on_sample);
+    result.status = near || !usable(s) ? s : Status::failed;
+    if (!usable(result.status)) return;
+    collect(*at.estimator, at.u, 0, ny, result.id, result.noise);
+    const std::lock_guard lock(telling);
+    ++done;
+    if (progress) progress(static_cast<double>(done) / static_cast<double>(plan.experiments.size()));
+  };
+  std::vector<Played> played(plan.experiments.size());
+  std::atomic<std::size_t> next{0};
+  diagnosis::side_by_side(stations.size(), [&](std::size_t i) {
+    for (std::size_t e = next++; e < played.size(); e = next++) {
+      perform(stations[i], e, played[e]);
+      if (!usable(played[e].status)) next = played.size();
+    }
+  });
+  LineNoise line_noise;
+  for (Played& p : played) {  // in the order of the plan, whoever was first
+    if (record != nullptr) append(*record, p.rows);
+    p.rows = {};
+    c.id.drifts.insert(c.id.drifts.end(), p.drifts.begin(), p.drifts.end());
+    c.id.worst = worse(c.id.worst, p.status);
     if (!usable(c.id.worst)) return campaign;
     c.id.samples += o.periods * length;
-    collect(*estimator, u, 0, ny, c.id, line_noise);
-    if (progress) progress(static_cast<double>(e + 1) / static_cast<double>(plan.experiments.size()));
+    c.id.htf.insert(c.id.htf.end(), p.id.htf.begin(), p.id.htf.end());
+    line_noise.append(p.noise);
   }
   finish(c.id, line_noise);
   return campaign;

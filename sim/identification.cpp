@@ -22,6 +22,13 @@ void LineNoise::add(int output, double frequency, double variance, std::int64_t 
   entries_[c].push_back({frequency, variance * freedom, freedom});
 }
 
+void LineNoise::append(const LineNoise& more) {
+  if (entries_.size() < more.entries_.size()) entries_.resize(more.entries_.size());
+  for (std::size_t c = 0; c < more.entries_.size(); ++c) {
+    entries_[c].insert(entries_[c].end(), more.entries_[c].begin(), more.entries_[c].end());
+  }
+}
+
 void LineNoise::sort(int sections) {
   for (auto& list : entries_) {
     for (Entry& e : list) e.frequency = folded(e.frequency, sections);

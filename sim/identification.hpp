@@ -106,6 +106,7 @@ class LineNoise {
   // A line at `frequency` [cycles a cycle] of output `output` whose single-period variance, from `periods` repeats, is
   // `variance`.
   void add(int output, double frequency, double variance, std::int64_t periods);
+  void append(const LineNoise& more);
   // E |Y - mean|^2 of one period near a frequency, folded into [0, sections / 2]; NaN where nothing was measured twice.
   double variance(int output, double frequency, int sections) const;
   void sort(int sections);

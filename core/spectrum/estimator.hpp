@@ -5,6 +5,7 @@
 // record may start anywhere, and nothing drifts however long it runs (polyphase.hpp).
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -179,8 +180,8 @@ class HtfEstimator {
     cycles_ = 0;
     held_holes_ = holes_ = samples();
     held_stale_ = stale_ = 0;
-    slot_ = {};
-    ring_ = {};
+    std::fill_n(slot_.begin(), at(samples()), Slot::hole);
+    std::fill_n(ring_.begin(), at(samples()), Signals{});
     sums_.clear();
     lines_ = {};
   }

@@ -53,9 +53,10 @@ class Polyphase {
   // Every argument within the capacities. Empties the sums.
   void configure(int sections, int period, std::span<const int> lines, int harmonics) noexcept {
     used_ = (lines.size() + lanes - 1) / lanes;
+    sections_ = sections;
     harmonics_ = harmonics;
-    cycle_turn_ = {};
-    section_turn_ = {};
+    std::fill_n(cycle_turn_.begin(), at(period) * packs, Pack{});
+    std::fill_n(section_turn_.begin(), at(sections) * packs, Pack{});
     const auto set = [](Pack& p, std::size_t lane, const Complex& z) {
       p.re[lane] = static_cast<T>(z.real());
       p.im[lane] = static_cast<T>(z.imag());
@@ -80,8 +81,8 @@ class Polyphase {
   }
 
   void clear() noexcept {
-    rising_ = {};
-    falling_ = {};
+    std::fill_n(rising_.begin(), at(sections_) * packs * channels, Pack{});
+    std::fill_n(falling_.begin(), at(sections_) * packs * channels, Pack{});
   }
 
   // First stage: a sample enters the sums of its section and the one of P cycles before leaves. `cycle` modulo P;
@@ -166,7 +167,7 @@ class Polyphase {
   }
 
   std::size_t used_ = 0;  // packs in use
-  int harmonics_ = 0;
+  int sections_ = 0, harmonics_ = 0;
   std::array<Pack, at(MaxPeriod) * packs> cycle_turn_{};                         // [c][pack] exp(-2 pi i q c / P)
   std::array<Pack, at(MaxSections) * packs> section_turn_{};                     // [n][pack] exp(-2 pi i q n / L)
   std::array<std::array<Turn, MaxHarmonics + 1>, MaxSections> harmonic_turn_{};  // [n][l] 2 pi l n / N

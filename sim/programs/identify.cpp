@@ -2,11 +2,11 @@
 #include "identify.hpp"
 
 #include <algorithm>
-#include <cmath>
-#include <numbers>
-
 #include <bit>
+#include <cmath>
 #include <cstdint>
+#include <numbers>
+#include <thread>
 
 #include "../record_identification.hpp"
 #include "any_record.hpp"
@@ -317,7 +317,8 @@ void add_identify(CLI::App& app) {
       "          saltus identify hopper --noise 0.001,0.006 --save run.csv\n"
       "          saltus identify hopper --record run.csv --csv htf.csv\n"
       "          saltus identify hopper --link udpm:// --log run.lcm\n"
-      "          saltus identify compass_gait_robot --record walk.csv   (no clock paces it: sections at its own events)");
+      "          saltus identify compass_gait_robot --record walk.csv   (no clock paces it: sections at its own "
+      "events)");
   auto o = std::make_shared<IdentifyOptions>();
   o->model.add_to(*command);
   command->add_option("--record", o->record, "read a measured record instead of driving a machine")->type_name("FILE");
@@ -348,6 +349,12 @@ void add_identify(CLI::App& app) {
       ->add_option("--periods", o->campaign.periods,
                    "stimulus periods listened to; with noise at least 2 (default then: 4)")
       ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
+  o->campaign.jobs = static_cast<int>(std::max(1u, std::thread::hardware_concurrency()));
+  command
+      ->add_option("--jobs", o->campaign.jobs,
+                   "experiments with the emulated machine played at a time; what is found does not depend on it")
+      ->check(CLI::Range(1, 64))
       ->capture_default_str();
   command->add_option("--harmonics", o->campaign.harmonics, "H_-K ... H_K")
       ->type_name("K")

@@ -101,8 +101,10 @@ template <class M, class Family, class... Play>
 Identified identify_rig(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record,
                         Play&&... given) {
   Progress progress(std::string(M::name) + ", " + title_of(family));
+  CampaignOptions options = o.campaign;
+  if (sizeof...(Play) > 0) options.jobs = 1;  // there is one machine
   const auto campaign = run_campaign(
-      m, family, plan, o.campaign, record, [&](double fraction) { progress.at(fraction); }, given...);
+      m, family, plan, options, record, [&](double fraction) { progress.at(fraction); }, given...);
   if (campaign->orbit.status != Status::ok) {
     throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
   }

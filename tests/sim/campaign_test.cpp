@@ -109,6 +109,45 @@ TEST_CASE("A machine in closed form is identified to rounding, by any harmonic a
   CHECK(beside < 1e-11);
 }
 
+TEST_CASE("Several experiments at a time give the bits of one after the other, and the record in their order") {
+  const World m = world();
+  PlanOptions p;
+  p.period = 8;
+  p.band = 6.0;
+  p.amplitude = 0.3;
+  p.subsets = 13;  // no multiple of the jobs
+  const Plan plan = make_plan(p);
+  const auto run = [&](int jobs, Record& record) {
+    CampaignOptions o;
+    o.settle = 5;
+    o.periods = 3;
+    o.noise = {1e-3};
+    o.watch = {1e-3};
+    o.jobs = jobs;
+    record.inputs = {{"u", "1/s", {}}};
+    record.outputs = {{"x", "-", {}}};
+    return run_campaign(m, ClockPhases{sections}, plan, o, &record, {});
+  };
+  Record one_by_one, together;
+  const auto a = run(1, one_by_one), b = run(3, together);
+  REQUIRE(a->id.worst == Status::ok);
+  REQUIRE(a->id.htf.size() == b->id.htf.size());
+  REQUIRE(a->id.htf.size() > 100u);
+  CHECK(a->id.watched);
+  CHECK(a->id.samples == b->id.samples);
+  CHECK(a->id.drifts.size() == b->id.drifts.size());
+  bool same = true;
+  for (std::size_t i = 0; i < a->id.htf.size(); ++i) {
+    const HtfEstimate &x = a->id.htf[i], &y = b->id.htf[i];
+    same = same && x.m == y.m && x.line == y.line && x.output == y.output && x.value == y.value && x.sigma == y.sigma;
+  }
+  CHECK(same);
+  CHECK(one_by_one.experiment == together.experiment);
+  CHECK(one_by_one.t == together.t);
+  CHECK(one_by_one.inputs[0].values == together.inputs[0].values);
+  CHECK(one_by_one.outputs[0].values == together.outputs[0].values);
+}
+
 TEST_CASE("Progress rises to one, and the record holds every sample of every experiment") {
   const World m = world();
   const Plan plan = small_plan();
