@@ -67,11 +67,24 @@ double sines(int count) {
   return sum;
 }
 
+template <class T>
+double stimulus(int count) {
+  static Multisine<31, T> u(2048);
+  for (int k = 0; k < 31; ++k) {
+    if (!u.add({k + 1, 0.01, 0.1 * k * k})) break;  // was in
+  }
+  double sum = 0.0;
+  for (int n = 0; n < count; ++n) sum += static_cast<double>(u(n));
+  return sum;
+}
+
 struct Kernel {
   std::string_view name;
   double (*run)(int);
 };
 constexpr std::array kernels{Kernel{"sine", sines},
+                             Kernel{"stimulus-sample", stimulus<double>},
+                             Kernel{"stimulus-sample-float", stimulus<float>},
                              Kernel{"hopper-tick", ticks<Hopper<>>},
                              Kernel{"kneed-biped-tick", ticks<KneedBiped<>>},
                              Kernel{"hopper-linearised-cycle", linearised},
