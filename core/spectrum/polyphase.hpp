@@ -88,22 +88,29 @@ class Polyphase {
   // First stage: a sample enters the sums of its section and the one of P cycles before leaves. `cycle` modulo P;
   // the block ends with cycle P - 1.
   void slide(int cycle, int section, const Signals& entering, const Signals& leaving) noexcept {
-    const std::size_t sums = at(section) * packs * channels;
+    const std::size_t sums = at(section) * packs * channels, used = used_;
     if (cycle == 0) {
-      for (std::size_t s = sums; s < sums + used_ * channels; ++s) falling_[s] = std::exchange(rising_[s], {});
+      for (std::size_t s = sums; s < sums + used * channels; ++s) falling_[s] = std::exchange(rising_[s], {});
     }
-    for (std::size_t i = 0; i < used_ * lanes; i += width) {
-      const std::size_t b = i / lanes, j = i % lanes;
+    Wide in[channels], out[channels];
+    for (std::size_t c = 0; c < channels; ++c) {
+      in[c] = broadcast(entering[c]);
+      out[c] = broadcast(-leaving[c]);
+    }
+    for (std::size_t b = 0; b < used; ++b) {
       const Pack& wc = cycle_turn_[at(cycle) * packs + b];
       const Pack& wn = section_turn_[at(section) * packs + b];
-      const Wide cc = load(&wc.re[j]), cs = load(&wc.im[j]), nc = load(&wn.re[j]), ns = load(&wn.im[j]);
-      const Wide re = cc * nc - cs * ns, im = cc * ns + cs * nc;  // exp(-2 pi i q (cN + n) / L)
-      for (std::size_t c = 0; c < channels; ++c) {
-        const std::size_t s = sums + b * channels + c;
-        add<false>(&rising_[s].re[j], entering[c] * re);
-        add<false>(&rising_[s].im[j], entering[c] * im);
-        add<false>(&falling_[s].re[j], -leaving[c] * re);
-        add<false>(&falling_[s].im[j], -leaving[c] * im);
+      Pack* const rising = &rising_[sums + b * channels];
+      Pack* const falling = &falling_[sums + b * channels];
+      for (std::size_t j = 0; j < lanes; j += width) {
+        const Wide cc = load(&wc.re[j]), cs = load(&wc.im[j]), nc = load(&wn.re[j]), ns = load(&wn.im[j]);
+        const Wide re = cc * nc - cs * ns, im = cc * ns + cs * nc;  // exp(-2 pi i q (cN + n) / L)
+        for (std::size_t c = 0; c < channels; ++c) {
+          add<false>(&rising[c].re[j], in[c] * re);
+          add<false>(&rising[c].im[j], in[c] * im);
+          add<false>(&falling[c].re[j], out[c] * re);
+          add<false>(&falling[c].im[j], out[c] * im);
+        }
       }
     }
   }
@@ -135,6 +142,11 @@ class Polyphase {
     std::memcpy(&v, lane, sizeof v);
     return v;
   }
+  static Wide broadcast(T x) noexcept {
+    Wide v{};
+    for (std::size_t i = 0; i < width; ++i) v[i] = x;
+    return v;
+  }
   template <bool First>
   static void add(T* lane, const Wide& v) noexcept {
     const Wide sum = First ? v : load(lane) + v;
@@ -143,9 +155,14 @@ class Polyphase {
 
   template <bool First>
   void harmonics(int section, Lines& lines) const noexcept {
-    const std::array<Turn, MaxHarmonics + 1>& turns = harmonic_turn_[at(section)];
-    const std::size_t sums = at(section) * packs * channels;
-    for (std::size_t s = 0; s < used_ * channels; ++s) {
+    const std::size_t sums = at(section) * packs * channels, used = used_ * channels;
+    const int highest = harmonics_;
+    Wide cos[MaxHarmonics + 1], sin[MaxHarmonics + 1];
+    for (int l = 1; l <= highest; ++l) {
+      cos[l] = broadcast(harmonic_turn_[at(section)][at(l)].cos);
+      sin[l] = broadcast(harmonic_turn_[at(section)][at(l)].sin);
+    }
+    for (std::size_t s = 0; s < used; ++s) {
       const Pack& rising = rising_[sums + s];
       const Pack& falling = falling_[sums + s];
       Pack* const line = lines.data() + s * orders + at(MaxHarmonics);  // l = 0
@@ -154,9 +171,8 @@ class Polyphase {
         const Wide im = load(&rising.im[j]) + load(&falling.im[j]);
         add<First>(&line->re[j], re);
         add<First>(&line->im[j], im);
-        for (int l = 1; l <= harmonics_; ++l) {  // l and -l share their products
-          const Turn t = turns[at(l)];
-          const Wide re_cos = re * t.cos, im_sin = im * t.sin, im_cos = im * t.cos, re_sin = re * t.sin;
+        for (int l = 1; l <= highest; ++l) {  // l and -l share their products
+          const Wide re_cos = re * cos[l], im_sin = im * sin[l], im_cos = im * cos[l], re_sin = re * sin[l];
           add<First>(&line[l].re[j], re_cos + im_sin);
           add<First>(&line[l].im[j], im_cos - re_sin);
           add<First>(&line[-l].re[j], re_cos - im_sin);
