@@ -38,7 +38,19 @@ struct Passage {
 };
 
 // A watch is a surface that stops the interval without changing the state: value(m, C, x, u), falling through zero.
+// One that names an `edge` is the guard of that edge, in its chart and nowhere else: it is located once for both.
 struct Unwatched {};
+
+// The edge that T names as `edge`, or void.
+template <class T>
+struct EdgeNamed {
+  using type = void;
+};
+template <class T>
+requires requires { typename T::edge; }
+struct EdgeNamed<T> {
+  using type = typename T::edge;
+};
 
 // The grid that an interval is part of.
 struct Landing {
@@ -49,7 +61,7 @@ struct Landing {
 namespace flow {
 // A leg: from the point to the first event, the watch or the end of the interval. `tied`: another edge was met at the
 // same instant.
-template <class M, class C, class Watch>
+template <class Method, class M, class C, class Watch>
 void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch, const Landing& landing, C c,
          bool& tied, Passage& r) noexcept {
   constexpr int n = C::dim;
@@ -57,8 +69,8 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   const double left = h - r.elapsed;
   const Vec<n> x0 = p.in(c);
   const Vec<n> f0 = f(x0);
-  const Vec<n> x1 = rk4<n, double>(f, x0, f0, left);
-  const Vec<n> f1 = f(x1);
+  Vec<n> f1;
+  const Vec<n> x1 = Method::template step<n, double>(f, x0, f0, left, f1);
   double blemish = 0.0;  // not a number when anything is not finite
   for (int i = 0; i < n; ++i) blemish += (x0[i] - x0[i]) + (f0[i] - f0[i]) + (x1[i] - x1[i]) + (f1[i] - f1[i]);
   if (!(blemish == 0.0)) {
@@ -71,8 +83,9 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     if (std::isfinite(landing.clock)) end[clock_of<C>()] = landing.clock;
   }
   const double moment = crossing::moment * std::fmax(h, landing.whole);
-  const Step<n, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, moment};
+  const Step<n, decltype(f), Method> step{f, {x0, f0, x1, f1, left}, end, moment};
   using Kind = typename Crossing<n>::Kind;
+  using WatchedEdge = typename EdgeNamed<Watch>::type;
   constexpr double tie = 0x1p-43;  // [-] of the step: crossings closer than this are simultaneous
   Crossing<n> first;               // or the end
   first.x = end;
@@ -80,6 +93,7 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   Status status = Status::ok;
   double missed = 3.0;  // [-] of the step: where a guard nearly fell through zero
   std::uint64_t unarmed = 0;
+  [[maybe_unused]] Crossing<n> at_watch;
   tied = false;
 
   int index = 0;
@@ -87,6 +101,7 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
     using E = decltype(e);
     if constexpr (std::is_same_v<typename E::from, C>) {
       const Crossing<n> found = locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return m.guard(e, x, u); });
+      if constexpr (std::is_same_v<WatchedEdge, E>) at_watch = found;
       if (found.kind == Kind::escaped) status = worse(status, Status::escaped);
       if (found.kind == Kind::diverged) status = worse(status, Status::diverged);
       if (found.kind == Kind::unarmed) unarmed |= std::uint64_t{1} << index;
@@ -103,8 +118,10 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
   });
   bool met = false;
   if constexpr (!std::is_same_v<Watch, Unwatched>) {
-    const Crossing<n> found =
-        locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return watch.value(m, c, x, u); });
+    if constexpr (std::is_void_v<WatchedEdge>) {
+      at_watch = locate<n>(step, [&](const Vec<n>& x) noexcept -> double { return watch.value(m, c, x, u); });
+    }
+    const Crossing<n>& found = at_watch;
     // A section met at the same instant as an edge is met before it: the state handed out is the one on the section.
     // One that the step starts on has been met.
     if (found.kind == Kind::crossed && found.s > 0.0 && found.s <= first.s + tie) {
@@ -167,8 +184,8 @@ void leg(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watc
 
 // Moves p through h seconds with the input held at u. Statuses: ok; grazing (an event, or a miss, was nearly
 // tangential); zeno, escaped, diverged: p stands where the trouble was met, `elapsed` says when; failed: there is no
-// such chart, or h is negative or not a number.
-template <class M, class Watch = Unwatched>
+// such chart, or h is negative or not a number. `advance<Rk8>` is the same by steps of order eight.
+template <class Method = Rk4, class M, class Watch = Unwatched>
 Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watch& watch = {},
                 const Landing& landing = {}) noexcept {
   static_assert(M::Edges::size <= 64);
@@ -176,7 +193,7 @@ Passage advance(const M& m, Point<M>& p, const Input<M>& u, double h, const Watc
   if (!(h >= 0.0) || p.chart < 0 || p.chart >= M::Charts::size) r.status = Status::failed;
   bool tied = false;
   while (usable(r.status) && !r.met && (r.elapsed < h || tied)) {
-    visit_chart(p, [&](auto c) { flow::leg(m, p, u, h, watch, landing, c, tied, r); });
+    visit_chart(p, [&](auto c) { flow::leg<Method>(m, p, u, h, watch, landing, c, tied, r); });
   }
   return r;
 }
@@ -216,12 +233,12 @@ void set_clock(Point<M>& p, const Timebase& base, std::int64_t tick) noexcept {
 }
 
 // To the next grid tick, or to the watch if that comes first. Counts its status in the run's ledger.
-template <class M, class Watch = Unwatched>
+template <class Method = Rk4, class M, class Watch = Unwatched>
 Passage step(const M& m, Run<M>& run, const Input<M>& u, const Timebase& base, const Watch& watch = {}) noexcept {
   const double dt = base.dt();
   Landing landing{dt};
   if (base.sets_clock) landing.clock = base.phase(run.tick + 1);
-  const Passage r = advance(m, run.at, u, dt - run.into, watch, landing);
+  const Passage r = advance<Method>(m, run.at, u, dt - run.into, watch, landing);
   run.ledger.note(r.status, run.tick);
   if (r.met) {
     run.into += r.elapsed;

@@ -56,7 +56,7 @@ Dual<K> shift_to_surface(Vec<N, Dual<K>>& x, const Vec<N, Dual<K>>& f, const Dua
 
 // Runs the lifted model over the steps of a passage that `m` has already made from `p`'s values. Calls
 // on_event(E{}, before, after) with the lifted states at every event. K derivatives ride along.
-template <int K, class M, class OnEvent>
+template <int K, class Method = Rk4, class M, class OnEvent>
 void retrace(const M& m, const Rebind<M, Dual<K>>& lifted, Point<Rebind<M, Dual<K>>>& p,
              const Input<Rebind<M, Dual<K>>>& u, const Passage& r, OnEvent&& on_event) noexcept {
   using D = Dual<K>;
@@ -66,7 +66,7 @@ void retrace(const M& m, const Rebind<M, Dual<K>>& lifted, Point<Rebind<M, Dual<
       constexpr int n = decltype(c)::dim;
       const auto f = [&](const Vec<n, D>& x) noexcept -> Vec<n, D> { return lifted.flow(c, x, u); };
       const Vec<n, D> x = p.in(c);
-      p.set(c, rk4<n, D>(f, x, f(x), h));
+      p.set(c, Method::template step<n, D>(f, x, f(x), h));
     });
   };
   double done = 0.0;
@@ -136,7 +136,7 @@ struct Jacobian {
 // `advance`, and its derivatives with respect to the state at the start, the held input and every parameter.
 // Trust them only when the status is ok: a grazing event makes them as ill-conditioned as its time. `out` is left as it
 // was when the status is not usable.
-template <class M>
+template <class Method = Rk4, class M>
 Passage linearise(const M& m, Point<M>& p, const Input<M>& u, double h, Jacobian<M>& out) noexcept {
   constexpr int n = max_dim<M>;
   constexpr int nu = input_count<M>;
@@ -148,9 +148,9 @@ Passage linearise(const M& m, Point<M>& p, const Input<M>& u, double h, Jacobian
   const int dim = dim_of(p);
   for (int i = 0; i < n; ++i) moving.x[i] = i < dim ? Dual<K>::variable(p.x[i], i) : Dual<K>(0.0);
   const auto lu = variables<nu, K>(u, n);
-  const Passage r = advance(m, p, u, h);
+  const Passage r = advance<Method>(m, p, u, h);
   if (!usable(r.status)) return r;
-  retrace<K>(m, lifted, moving, lu, r, [](auto...) {});
+  retrace<K, Method>(m, lifted, moving, lu, r, [](auto...) {});
   const Mat<n, K> g = gradient_of(moving.x);
   out.state = g.template leftCols<n>();
   out.input = g.template middleCols<nu>(n);

@@ -15,6 +15,23 @@ Vec<N, S> rk4(const F& f, const Vec<N, S>& x, const Vec<N, S>& f0, const H& h) n
   return x + (f0 + (k2 + k3) * 2.0 + k4) * (h / 6.0);
 }
 
+// The same as a method for `advance` and what stands on it: the default. Rk8 is the other.
+struct Rk4 {
+  static constexpr bool long_steps = false;  // the cubic through the ends is nearly as good as the step
+
+  // Sets f1, the rate at the end.
+  template <int N, class S, class F, class H>
+  static Vec<N, S> step(const F& f, const Vec<N, S>& x, const Vec<N, S>& f0, const H& h, Vec<N, S>& f1) noexcept {
+    const Vec<N, S> x1 = step<N, S>(f, x, f0, h);
+    f1 = f(x1);
+    return x1;
+  }
+  template <int N, class S, class F, class H>
+  static Vec<N, S> step(const F& f, const Vec<N, S>& x, const Vec<N, S>& f0, const H& h) noexcept {
+    return rk4<N, S>(f, x, f0, h);
+  }
+};
+
 // The cubic Hermite interpolant of a step: order four at every point inside it, no further evaluation of f.
 template <int N, class S = double>
 struct Hermite {

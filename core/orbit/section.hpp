@@ -10,7 +10,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "../hybrid/point.hpp"
+#include "../flow/advance.hpp"
 
 namespace saltus {
 
@@ -67,6 +67,7 @@ struct AtEdge {
 // One section of a family, as a watch for `advance`.
 template <class Family>
 struct SectionWatch {
+  using edge = typename EdgeNamed<Family>::type;
   const Family& family;
   int index;
 

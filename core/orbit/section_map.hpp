@@ -42,7 +42,7 @@ Tangent<M> tangent_of(const Family& family, int section, const M& m, const Point
 
 // Moves run from section `index` to the next one of the family, input held. Statuses: ok; grazing on the way; failed:
 // not met within `turns` turns; otherwise the trouble that the flow reported.
-template <class M, class Family, class OnPassage>
+template <class Method = Rk4, class M, class Family, class OnPassage>
 Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, const Timebase& base,
                        const Family& family, OnPassage&& on_passage, int turns = 4) noexcept {
   if constexpr (requires { typename Family::edge; }) {
@@ -53,7 +53,7 @@ Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, co
   if constexpr (Family::on_grid) {
     for (std::int64_t i = 0; i < base.per_turn / family.count(); ++i) {
       const Point<M> from = run.at;
-      const Passage r = step(m, run, u, base);
+      const Passage r = step<Method>(m, run, u, base);
       worst = worse(worst, r.status);
       if (!usable(worst)) return worst;
       on_passage(from, r);
@@ -63,7 +63,7 @@ Status to_next_section(const M& m, Run<M>& run, int index, const Input<M>& u, co
     const SectionWatch<Family> watch{family, (index + 1) % family.count()};
     for (std::int64_t i = 0; i < base.per_turn * turns; ++i) {
       const Point<M> from = run.at;
-      const Passage r = step(m, run, u, base, watch);
+      const Passage r = step<Method>(m, run, u, base, watch);
       worst = worse(worst, r.status);
       if (!usable(worst)) return worst;
       if (r.jumped) return Status::failed;
@@ -86,7 +86,7 @@ struct SectionMap {
 };
 
 // `to_next_section`, and its derivatives in the section coordinates of both ends; to be trusted when the status is ok.
-template <class M, class Family>
+template <class Method = Rk4, class M, class Family>
 Status linearise_section(const M& m, Run<M>& run, int index, const Input<M>& u, const Timebase& base,
                          const Family& family, SectionMap<M>& out) noexcept {
   constexpr int n = max_dim<M>;
@@ -119,10 +119,11 @@ Status linearise_section(const M& m, Run<M>& run, int index, const Input<M>& u, 
     using E = typename Family::edge;
     moving.set(typename E::to{}, lifted.reset(E{}, moving.in(typename E::from{}), lu));
   }
-  const Status status = to_next_section(m, run, index, u, base, family, [&](const Point<M>& from, const Passage& r) {
-    for (int i = 0; i < n; ++i) moving.x[i].value = from.x[i];  // the very steps that were taken
-    retrace<K>(m, lifted, moving, lu, r, [](auto...) {});
-  });
+  const Status status =
+      to_next_section<Method>(m, run, index, u, base, family, [&](const Point<M>& from, const Passage& r) {
+        for (int i = 0; i < n; ++i) moving.x[i].value = from.x[i];  // the very steps that were taken
+        retrace<K, Method>(m, lifted, moving, lu, r, [](auto...) {});
+      });
   if (!usable(status)) return status;
 
   const int next = (index + 1) % family.count();

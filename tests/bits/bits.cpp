@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string_view>
 
+#include "core/flow/rk8.hpp"
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/estimator.hpp"
 #include "core/spectrum/htf.hpp"
@@ -52,7 +53,6 @@ class Hash {
 
 constexpr int sections = 32, period = 16, tones = 7, ticks = 64;  // of the campaign
 constexpr std::int64_t length = sections * period;
-constexpr int steps = 100000;  // of a long run
 
 void elementary() {
   Hash h;
@@ -85,19 +85,19 @@ Multisine<tones> stimulus() {
   return u;
 }
 
-template <class M>
-void long_run(const M& m, std::string_view name) {
+template <class Method, class M>
+void long_run(const M& m, int per_turn, int count, std::string_view name) {
   Hash h;
-  const Timebase base = timebase_of(m, 512);
+  const Timebase base = timebase_of(m, per_turn);
   const Multisine<tones> push = stimulus();
   Run<M> run;
   run.at = start_of(m);
   Input<M> u = Input<M>::Zero();
-  for (int i = 0; i < steps; ++i) {
+  for (int i = 0; i < count; ++i) {
     if constexpr (input_count < M >> 0) {
-      if (i % (512 / sections) == 0) u[0] = push(i / (512 / sections));
+      if (i % (per_turn / sections) == 0) u[0] = push(i / (per_turn / sections));
     }
-    h.add(static_cast<double>(step(m, run, u, base).status));
+    h.add(static_cast<double>(step<Method>(m, run, u, base).status));
     h.add(run.at.x);
   }
   h.print(name);
@@ -174,6 +174,8 @@ int main() {
   limit_cycle();
   campaign<double>("estimator", "hopper: identified HTF");
   campaign<float>("estimator of floats", "hopper: identified HTF, floats");
-  long_run(Hopper<>{}, "hopper: 1e5 ticks");
-  long_run(KneedBiped<>{}, "kneed biped: 1e5 ticks");
+  long_run<Rk4>(Hopper<>{}, 512, 100000, "hopper: 1e5 ticks");
+  long_run<Rk4>(KneedBiped<>{}, 512, 100000, "kneed biped: 1e5 ticks");
+  long_run<Rk8>(Hopper<>{}, 32, 10000, "hopper: 1e4 ticks, order eight");
+  long_run<Rk8>(KneedBiped<>{}, 32, 10000, "kneed biped: 1e4 ticks, order eight");
 }

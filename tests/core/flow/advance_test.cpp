@@ -4,6 +4,7 @@
 #include <limits>
 #include <random>
 
+#include "core/flow/rk8.hpp"
 #include "sim/models/hopper.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/malloc_guard.hpp"
@@ -129,7 +130,7 @@ double order(const M& m, double T, const Vec<max_dim<M>>& truth) {
 
 }  // namespace
 
-TEST_CASE("advance: the impacts of a bouncing ball come at their times") {
+TEMPLATE_TEST_CASE("advance: the impacts of a bouncing ball come at their times", "", Rk4, Rk8) {
   for (const double h : {1.0 / 16.0, 1.0 / 64.0, 1.0 / 500.0}) {
     const Ball<> m;
     Point<Ball<>> p = start_of(m);
@@ -141,7 +142,7 @@ TEST_CASE("advance: the impacts of a bouncing ball come at their times") {
     double lowest = 0.0;
     Status status = Status::ok;
     for (int tick = 0; tick * h < 3.0; ++tick) {
-      const Passage r = advance(m, p, still, h);
+      const Passage r = advance<TestType>(m, p, still, h);
       status = worse(status, r.status);
       lowest = std::fmin(lowest, p.x[0]);
       for (int k = 0; k < r.events; ++k) {
@@ -177,7 +178,7 @@ TEST_CASE("advance: order four through events") {
   }
 }
 
-TEST_CASE("advance: accumulating impacts stop at the time of Zeno, and nothing passes it") {
+TEMPLATE_TEST_CASE("advance: accumulating impacts stop at the time of Zeno, and nothing passes it", "", Rk4, Rk8) {
   for (const double e : {0.3, 0.5, 0.8, 0.9}) {
     for (const double y0 : {1.0, 0.37}) {
       Ball<> m;
@@ -189,7 +190,7 @@ TEST_CASE("advance: accumulating impacts stop at the time of Zeno, and nothing p
       Status status = Status::ok;
       double lowest = 0.0;
       while (usable(status) && run.tick < 10000) {
-        status = step(m, run, still, base).status;
+        status = step<TestType>(m, run, still, base).status;
         lowest = std::fmin(lowest, run.at.x[0]);
       }
       CHECK(status == Status::zeno);
@@ -198,7 +199,7 @@ TEST_CASE("advance: accumulating impacts stop at the time of Zeno, and nothing p
       CHECK(run.ledger[Status::zeno] == 1);
       // Whoever goes on all the same comes nearer, no further, and hears of it.
       for (int i = 0; i < 1000; ++i) {
-        status = step(m, run, still, base).status;
+        status = step<TestType>(m, run, still, base).status;
         lowest = std::fmin(lowest, run.at.x[0]);
       }
       CHECK_FALSE(usable(status));
@@ -208,14 +209,14 @@ TEST_CASE("advance: accumulating impacts stop at the time of Zeno, and nothing p
   }
 }
 
-TEST_CASE("advance: a ball at rest on the floor does not sink, and does not pass for ok") {
+TEMPLATE_TEST_CASE("advance: a ball at rest on the floor does not sink, and does not pass for ok", "", Rk4, Rk8) {
   const Ball<> m;
   for (const double y : {0.0, -1e-18, 1e-18, 1e-300}) {
     for (const double v : {0.0, -1e-18}) {
       Point<Ball<>> p = ball_at(y, v);
       Status status = Status::ok;
       int ticks = 0;
-      for (; usable(status) && ticks < 3000; ++ticks) status = advance(m, p, still, 1.0 / 64.0).status;
+      for (; usable(status) && ticks < 3000; ++ticks) status = advance<TestType>(m, p, still, 1.0 / 64.0).status;
       CHECK((status == Status::escaped || status == Status::zeno));
       CHECK(p.x[0] > -1e-15);
     }
@@ -225,22 +226,22 @@ TEST_CASE("advance: a ball at rest on the floor does not sink, and does not pass
   clay.e = 0.0;
   Point<Ball<>> p = ball_at(0.1, 0.0);
   Status status = Status::ok;
-  for (int i = 0; usable(status) && i < 100; ++i) status = advance(clay, p, still, 1.0 / 64.0).status;
+  for (int i = 0; usable(status) && i < 100; ++i) status = advance<TestType>(clay, p, still, 1.0 / 64.0).status;
   CHECK((status == Status::escaped || status == Status::zeno));
   CHECK(p.x[0] > -1e-15);
 }
 
-TEST_CASE("advance: a guard at zero at the start") {
+TEMPLATE_TEST_CASE("advance: a guard at zero at the start", "", Rk4, Rk8) {
   const Ball<> m;
   SECTION("and rising does not fire") {
     Point<Ball<>> p = ball_at(0.0, 1.0);
-    const Passage r = advance(m, p, still, 1.0 / 64.0);
+    const Passage r = advance<TestType>(m, p, still, 1.0 / 64.0);
     CHECK(r.status == Status::ok);
     CHECK(r.events == 0);
   }
   SECTION("and rising fires at its fall within the interval") {
     Point<Ball<>> p = ball_at(0.0, 1.0);
-    const Passage r = advance(m, p, still, 0.25);
+    const Passage r = advance<TestType>(m, p, still, 0.25);
     CHECK(r.status == Status::ok);
     CHECK(r.events == 1);
     CHECK(std::abs(r.event[0].at - 2.0 / m.g) < 1e-14);
@@ -248,7 +249,7 @@ TEST_CASE("advance: a guard at zero at the start") {
   SECTION("and falling fires at once") {
     for (const double y : {0.0, -1e-17}) {
       Point<Ball<>> p = ball_at(y, -1.0);
-      const Passage r = advance(m, p, still, 1.0 / 64.0);
+      const Passage r = advance<TestType>(m, p, still, 1.0 / 64.0);
       CHECK(r.status == Status::ok);
       CHECK(r.events == 1);
       CHECK(r.event[0].at == 0.0);
@@ -257,7 +258,7 @@ TEST_CASE("advance: a guard at zero at the start") {
   }
   SECTION("and falling from rest has escaped: no impact is in sight") {
     Point<Ball<>> p = ball_at(0.0, 0.0);
-    const Passage r = advance(m, p, still, 1.0 / 64.0);
+    const Passage r = advance<TestType>(m, p, still, 1.0 / 64.0);
     CHECK(r.status == Status::escaped);
     CHECK(r.events == 0);
     CHECK(r.elapsed == 0.0);
@@ -265,14 +266,15 @@ TEST_CASE("advance: a guard at zero at the start") {
   }
 }
 
-TEST_CASE("advance: the interval is open at its start and closed at its end, so that an event counts once") {
+TEMPLATE_TEST_CASE("advance: the interval is open at its start and closed at its end, so that an event counts once", "",
+                   Rk4, Rk8) {
   // x' = 1, level 1: an event at every 64th tick, exactly.
   const Sawtooth<> m;
   const Timebase base{1.0, 64};
   Run<Sawtooth<>> run;
   run.at = start_of(m);
   for (int tick = 1; tick <= 640; ++tick) {
-    const Passage r = step(m, run, Vec<2>(0.0, 0.0), base);
+    const Passage r = step<TestType>(m, run, Vec<2>(0.0, 0.0), base);
     REQUIRE(r.status == Status::ok);
     REQUIRE(r.events == (tick % 64 == 0 ? 1 : 0));
     if (r.events == 1) {
@@ -283,7 +285,7 @@ TEST_CASE("advance: the interval is open at its start and closed at its end, so 
   CHECK(run.tick == 640);
 }
 
-TEST_CASE("advance: an impact within ulps of a tick is neither lost nor taken for an escape") {
+TEMPLATE_TEST_CASE("advance: an impact within ulps of a tick is neither lost nor taken for an escape", "", Rk4, Rk8) {
   const Ball<> m;
   const double h = 1.0 / 64.0;
   int bad = 0;
@@ -294,7 +296,7 @@ TEST_CASE("advance: an impact within ulps of a tick is neither lost nor taken fo
       int events = 0;
       Status status = Status::ok;
       for (int i = 0; i < k + 2; ++i) {
-        const Passage r = advance(m, p, still, h);
+        const Passage r = advance<TestType>(m, p, still, h);
         status = worse(status, r.status);
         if (i <= k) events += r.events;
       }
@@ -305,14 +307,14 @@ TEST_CASE("advance: an impact within ulps of a tick is neither lost nor taken fo
   CHECK(bad == 0);
 }
 
-TEST_CASE("advance: the earliest edge wins, and of simultaneous ones the one declared first") {
+TEMPLATE_TEST_CASE("advance: the earliest edge wins, and of simultaneous ones the one declared first", "", Rk4, Rk8) {
   const auto taken = [](double a, double b, double h) {
     Fork<> m;
     m.a = a;
     m.b = b;
     Point<Fork<>> p = start_of(m);
     for (int i = 0; i < 1000; ++i) {
-      const Passage r = advance(m, p, Vec<0>(), h);
+      const Passage r = advance<TestType>(m, p, Vec<0>(), h);
       if (r.status != Status::ok) return -1;
       if (r.events > 0) return r.events == 1 ? r.event[0].edge : -1;
     }
@@ -334,7 +336,7 @@ TEST_CASE("advance: the earliest edge wins, and of simultaneous ones the one dec
   CHECK(taken(0.75, 0.5, 1.0) == up);
 }
 
-TEST_CASE("advance: a ball in a box goes where unfolding says, through its corners too") {
+TEMPLATE_TEST_CASE("advance: a ball in a box goes where unfolding says, through its corners too", "", Rk4, Rk8) {
   const auto unfold = [](double s) {  // the triangle wave of period 2
     s = std::abs(std::remainder(s, 2.0));
     return s;
@@ -346,7 +348,7 @@ TEST_CASE("advance: a ball in a box goes where unfolding says, through its corne
     double worst = 0.0;
     int events = 0;
     for (int i = 1; i <= ticks; ++i) {
-      const Passage r = advance(m, p, Vec<0>(), h);
+      const Passage r = advance<TestType>(m, p, Vec<0>(), h);
       bad += r.status != Status::ok;
       events += r.events;
       worst = std::fmax(worst, std::abs(p.x[0] - unfold(x0[0] + i * h * x0[2])));
@@ -364,12 +366,12 @@ TEST_CASE("advance: a ball in a box goes where unfolding says, through its corne
   }
 }
 
-TEST_CASE("advance: eight crossings in an interval are fine, a ninth is reported") {
+TEMPLATE_TEST_CASE("advance: eight crossings in an interval are fine, a ninth is reported", "", Rk4, Rk8) {
   const auto run = [](double level) {
     Sawtooth<> m;
     m.level = level;
     Point<Sawtooth<>> p = start_of(m);
-    return advance(m, p, Vec<2>(0.0, 0.0), 1.0);
+    return advance<TestType>(m, p, Vec<2>(0.0, 0.0), 1.0);
   };
   const Passage eight = run(0.12);
   CHECK(eight.status == Status::ok);
@@ -385,7 +387,7 @@ TEST_CASE("advance: eight crossings in an interval are fine, a ninth is reported
   CHECK(std::abs(nine.elapsed - 0.88) < 1e-14);
 }
 
-TEST_CASE("advance: events that a clock sets on ticks are taken there, once a half turn") {
+TEMPLATE_TEST_CASE("advance: events that a clock sets on ticks are taken there, once a half turn", "", Rk4, Rk8) {
   for (int k = 0; k < 80; ++k) {
     Metronome<> m;
     m.shift = k < 64 ? 2.0 * std::numbers::pi * k / 64.0 : 0.037 * k;
@@ -399,7 +401,7 @@ TEST_CASE("advance: events that a clock sets on ticks are taken there, once a ha
     Status status = Status::ok;
     bool clock_is_set = true;
     for (int i = 0; i < 6400; ++i) {
-      const Passage r = step(m, run, still, base);
+      const Passage r = step<TestType>(m, run, still, base);
       status = worse(status, r.status);
       events += r.events;
       clock_is_set = clock_is_set && run.at.x[1] == base.phase(run.tick);
@@ -413,7 +415,7 @@ TEST_CASE("advance: events that a clock sets on ticks are taken there, once a ha
   const Timebase base = timebase_of(m, 256);
   Run<Metronome<>> run;
   run.at = at<Metronome<>>(metronome::Tick{}, Vec<2>(1.0, 0.0));
-  for (int i = 0; i < 256 * 50; ++i) step(m, run, still, base);
+  for (int i = 0; i < 256 * 50; ++i) step<TestType>(m, run, still, base);
   const double half = std::exp(-0.5 * m.k);
   const double kk = m.keep * m.keep;
   const double turned_on = kk * half * (m.drive / m.k) * (1.0 - half) / (1.0 - kk * half * half);
@@ -421,12 +423,12 @@ TEST_CASE("advance: events that a clock sets on ticks are taken there, once a ha
   CHECK(std::abs(run.at.x[0] - turned_on) < 1e-11);
 }
 
-TEST_CASE("advance: an input that steps through a guard between ticks is reported") {
+TEMPLATE_TEST_CASE("advance: an input that steps through a guard between ticks is reported", "", Rk4, Rk8) {
   const Sawtooth<> m;  // level 1, guard = 1 + u_0 - x
   const auto step_to = [&](double u_0, double u_1) {
     Point<Sawtooth<>> p = at<Sawtooth<>>(sawtooth::Ramp{}, Vec<1>(0.5));
-    REQUIRE(advance(m, p, Vec<2>(0.0, -1.0), 0.1).status == Status::ok);  // stands still, inside
-    return advance(m, p, Vec<2>(u_0, u_1), 0.1);
+    REQUIRE(advance<TestType>(m, p, Vec<2>(0.0, -1.0), 0.1).status == Status::ok);  // stands still, inside
+    return advance<TestType>(m, p, Vec<2>(u_0, u_1), 0.1);
   };
   CHECK(step_to(-0.6, 0.0).status == Status::escaped);   // and goes further out
   CHECK(step_to(-0.6, -1.0).status == Status::escaped);  // and stays
@@ -438,25 +440,26 @@ TEST_CASE("advance: an input that steps through a guard between ticks is reporte
   CHECK(std::abs(taken.event[0].at - 0.05) < 1e-14);
 }
 
-TEST_CASE("advance: who begins behind one guard has escaped, even if another edge is met") {
+TEMPLATE_TEST_CASE("advance: who begins behind one guard has escaped, even if another edge is met", "", Rk4, Rk8) {
   Fork<> m;
   m.a = 0.4;
   m.b = 0.5;
   for (const double x : {0.4 + 1e-10, 0.41, 0.6}) {
     Point<Fork<>> p = at<Fork<>>(fork::Plain{}, Vec<2>(x, 0.49));
-    const Passage r = advance(m, p, Vec<0>(), 1.0 / 16.0);
+    const Passage r = advance<TestType>(m, p, Vec<0>(), 1.0 / 16.0);
     CHECK(r.status == Status::escaped);
     CHECK(r.events == 0);
   }
 }
 
-TEST_CASE("advance: a guard that is nearly touched is reported, unless its chart was left before") {
+TEMPLATE_TEST_CASE("advance: a guard that is nearly touched is reported, unless its chart was left before", "", Rk4,
+                   Rk8) {
   // A parabola whose bottom, at half of the interval, misses the floor by 1e-8 of its scale.
   const auto graze = [](double ceiling) {
     Pit<> m;
     m.ceiling = ceiling;
     Point<Pit<>> p = at<Pit<>>(Hole{}, Vec<3>(0.125 + 1e-9, -0.5, 0.0));
-    return advance(m, p, Vec<0>(), 1.0);
+    return advance<TestType>(m, p, Vec<0>(), 1.0);
   };
   CHECK(graze(9.0).status == Status::grazing);
   CHECK(graze(9.0).events == 0);
@@ -466,14 +469,14 @@ TEST_CASE("advance: a guard that is nearly touched is reported, unless its chart
   CHECK(graze(0.4).events == 1);
 }
 
-TEST_CASE("advance: what is not finite is reported, and the state before it kept") {
+TEMPLATE_TEST_CASE("advance: what is not finite is reported, and the state before it kept", "", Rk4, Rk8) {
   SECTION("flow") {
     Faulty<> m;
     m.flow_ = 0.5;
     Point<Faulty<>> p = start_of(m);
     Status status = Status::ok;
     int ticks = 0;
-    for (; usable(status) && ticks < 100; ++ticks) status = advance(m, p, Vec<0>(), 0.125).status;
+    for (; usable(status) && ticks < 100; ++ticks) status = advance<TestType>(m, p, Vec<0>(), 0.125).status;
     CHECK(status == Status::diverged);
     CHECK(ticks == 5);
     CHECK(p.x[0] == 0.5);
@@ -483,7 +486,7 @@ TEST_CASE("advance: what is not finite is reported, and the state before it kept
     m.guard_ = 0.5;
     Point<Faulty<>> p = start_of(m);
     Status status = Status::ok;
-    for (int i = 0; usable(status) && i < 100; ++i) status = advance(m, p, Vec<0>(), 0.125).status;
+    for (int i = 0; usable(status) && i < 100; ++i) status = advance<TestType>(m, p, Vec<0>(), 0.125).status;
     CHECK(status == Status::diverged);
     CHECK(p.x[0] == 0.5);
   }
@@ -491,7 +494,7 @@ TEST_CASE("advance: what is not finite is reported, and the state before it kept
     Faulty<> m;
     m.reset_ = -1.0;
     Point<Faulty<>> p = start_of(m);
-    const Passage r = advance(m, p, Vec<0>(), 1.5);
+    const Passage r = advance<TestType>(m, p, Vec<0>(), 1.5);
     CHECK(r.status == Status::diverged);
     CHECK(p.x.allFinite());
   }
@@ -499,9 +502,9 @@ TEST_CASE("advance: what is not finite is reported, and the state before it kept
     const Ball<> m;
     for (const double bad : {nan_, std::numeric_limits<double>::infinity()}) {
       Point<Ball<>> p = ball_at(bad, 0.0);
-      CHECK(advance(m, p, still, 0.01).status == Status::diverged);
+      CHECK(advance<TestType>(m, p, still, 0.01).status == Status::diverged);
       p = start_of(m);
-      CHECK(advance(m, p, Vec<1>(bad), 0.01).status == Status::diverged);
+      CHECK(advance<TestType>(m, p, Vec<1>(bad), 0.01).status == Status::diverged);
       CHECK(p.x == start_of(m).x);
     }
   }
@@ -556,7 +559,7 @@ TEST_CASE("advance: the cost of an interval is bounded, that of an event small")
   CHECK(most <= (max_crossings + 1) * leg);
 }
 
-TEST_CASE("step: a watch stops the run on its surface, and the run goes on from there") {
+TEMPLATE_TEST_CASE("step: a watch stops the run on its surface, and the run goes on from there", "", Rk4, Rk8) {
   // The line x = level falls through zero where the wall's mass comes from the right.
   struct Line {
     double level;
@@ -569,7 +572,7 @@ TEST_CASE("step: a watch stops the run on its surface, and the run goes on from 
   watched.at = start_of(m);
   Passage r;
   do {
-    r = step(m, watched, still, base, line);
+    r = step<TestType>(m, watched, still, base, line);
     REQUIRE(r.status == Status::ok);
   } while (!r.met && watched.tick < 100);
   CHECK(std::abs(watched.time(base) - std::acos(0.25) / m.w) < 1e-8);
@@ -578,13 +581,13 @@ TEST_CASE("step: a watch stops the run on its surface, and the run goes on from 
   CHECK(watched.into > 0.0);
   CHECK(watched.into < base.dt());
   // The surface just met is not met again at once, and the tick ends where it would have.
-  r = step(m, watched, still, base, line);
+  r = step<TestType>(m, watched, still, base, line);
   CHECK(r.status == Status::ok);
   CHECK_FALSE(r.met);
   CHECK(watched.into == 0.0);
   Run<Wall<>> plain;
   plain.at = start_of(m);
-  while (plain.tick < watched.tick) step(m, plain, still, base);
+  while (plain.tick < watched.tick) step<TestType>(m, plain, still, base);
   CHECK((plain.at.x - watched.at.x).norm() < 1e-9);
   CHECK(watched.ledger[Status::ok] == watched.tick + 1);
 
@@ -600,7 +603,7 @@ TEST_CASE("step: a watch stops the run on its surface, and the run goes on from 
     const Timebase eighths{1.0, 8};
     int ticks = 0;
     do {
-      r = step(saw, run, Vec<2>(0.0, 0.0), eighths, Level{});
+      r = step<TestType>(saw, run, Vec<2>(0.0, 0.0), eighths, Level{});
       ++ticks;
     } while (!r.met && ticks < 100);
     CHECK(ticks == 4);
@@ -615,14 +618,14 @@ TEST_CASE("step: a watch stops the run on its surface, and the run goes on from 
     };
     Run<Wall<>> run;
     run.at = start_of(m);
-    do r = step(m, run, still, base, AtWall{});
+    do r = step<TestType>(m, run, still, base, AtWall{});
     while (!r.met && run.tick < 1000);
     CHECK(r.met);
     CHECK(r.events == 0);
     CHECK(run.at.x[1] < 0.0);
     CHECK(std::abs(run.at.x[0] + m.d) < 1e-13);
     const double v = run.at.x[1];
-    r = step(m, run, still, base, AtWall{});
+    r = step<TestType>(m, run, still, base, AtWall{});
     CHECK(r.status == Status::ok);
     CHECK_FALSE(r.met);
     CHECK(r.events == 1);
