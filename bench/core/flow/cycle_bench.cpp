@@ -3,12 +3,14 @@
 // largest of any coordinate, is below the one asked for; the label says both.
 #include <benchmark/benchmark.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdio>
 #include <memory>
 #include <string>
 
+#include "core/flow/rk8.hpp"
 #include "core/orbit/orbit.hpp"
 #include "sim/models/hopper.hpp"
 #include "sim/models/kneed_biped.hpp"
@@ -16,6 +18,10 @@
 #include <boost/numeric/odeint/stepper/generation.hpp>
 #include <boost/numeric/odeint/stepper/runge_kutta4.hpp>
 #include <boost/numeric/odeint/stepper/runge_kutta_dopri5.hpp>
+#endif
+#ifdef SALTUS_BENCH_GSL
+#include <gsl/gsl_errno.h>
+#include <gsl/gsl_odeiv2.h>
 #endif
 
 namespace {
@@ -66,10 +72,12 @@ const BipedCycle& biped_cycle() {
   return cycle;
 }
 
-// Ours, `steps` a second.
+// Ours, `steps` a second, tried at errors a quarter apart, of order eight a half.
+template <class Method>
 struct Saltus {
   double steps;
-  static constexpr double coarsest = 8.0, finer = std::numbers::sqrt2, finest = 1e5;
+  static constexpr double coarsest = Method::long_steps ? 4.0 : 8.0, finest = 1e5;
+  static constexpr double finer = Method::long_steps ? 1.0905 : std::numbers::sqrt2;
   static double next(double s) { return std::ceil(s * finer); }
   static std::string text(double s) { return std::to_string(static_cast<int>(s)) + " steps a second"; }
 
@@ -80,12 +88,12 @@ struct Saltus {
       const Timebase base = timebase_of(w.m, static_cast<std::int64_t>(steps));
       Run<M> run;
       run.at = p;
-      while (run.tick < base.per_turn) step(w.m, run, Input<M>::Zero(), base);
+      while (run.tick < base.per_turn) step<Method>(w.m, run, Input<M>::Zero(), base);
       p = run.at;
     } else {
       for (bool over = false; !over;) {
-        const Passage r =
-            advance(w.m, p, Input<M>::Zero(), 1.0 / steps, SectionWatch<AtEdge<kneed_biped::FootStrike>>{{}, 0});
+        const SectionWatch<AtEdge<kneed_biped::FootStrike>> watch{{}, 0};
+        const Passage r = advance<Method>(w.m, p, Input<M>::Zero(), 1.0 / steps, watch);
         over = r.met || !usable(r.status);
       }
       using E = kneed_biped::FootStrike;
@@ -94,8 +102,12 @@ struct Saltus {
   }
 };
 
-#ifdef SALTUS_BENCH_ODEINT
-namespace odeint = boost::numeric::odeint;
+#if defined SALTUS_BENCH_ODEINT || defined SALTUS_BENCH_GSL
+std::string tolerance_as_text(double s) {
+  char t[48];
+  std::snprintf(t, sizeof t, "tolerance %.1e", s);
+  return t;
+}
 
 // Runs legs of another library: `leg(f, guard, x, t, end)` moves x and t to the guard's fall through zero, or to the
 // end, and says which.
@@ -134,12 +146,17 @@ void by_legs(const World& w, Point<typename World::Model>& p, const Leg& leg) {
   }
 }
 
+#endif
+
+#ifdef SALTUS_BENCH_ODEINT
+namespace odeint = boost::numeric::odeint;
+
 // Fixed steps, events by halving the step and integrating again.
 struct OdeintRk4 {
   double steps;
   static constexpr double coarsest = 8.0, finest = 1e5;
   static double next(double s) { return std::ceil(s * std::numbers::sqrt2); }
-  static std::string text(double s) { return Saltus::text(s); }
+  static std::string text(double s) { return Saltus<Rk4>::text(s); }
 
   template <class World>
   void operator()(const World& w, Point<typename World::Model>& p) const {
@@ -177,11 +194,7 @@ struct OdeintDopri5 {
   double tolerance;
   static constexpr double coarsest = 1e-3, finest = 1e15;
   static double next(double s) { return 0.5 * s; }
-  static std::string text(double s) {
-    char t[48];
-    std::snprintf(t, sizeof t, "tolerance %.1e", s);
-    return t;
-  }
+  static std::string text(double s) { return tolerance_as_text(s); }
 
   template <class World>
   void operator()(const World& w, Point<typename World::Model>& p) const {
@@ -220,6 +233,98 @@ struct OdeintDopri5 {
 };
 #endif
 
+#ifdef SALTUS_BENCH_GSL
+// Error-controlled steps of order eight; events by halving on the step's cubic, then by Newton's method on steps taken
+// again. The workspaces are kept.
+template <std::size_t N>
+struct GslWorkspace {
+  gsl_odeiv2_step* step = gsl_odeiv2_step_alloc(gsl_odeiv2_step_rk8pd, N);
+  gsl_odeiv2_control* control = gsl_odeiv2_control_y_new(1.0, 1.0);
+  gsl_odeiv2_evolve* evolve = gsl_odeiv2_evolve_alloc(N);
+  GslWorkspace() = default;
+  GslWorkspace(const GslWorkspace&) = delete;
+  GslWorkspace& operator=(const GslWorkspace&) = delete;
+  ~GslWorkspace() {
+    gsl_odeiv2_evolve_free(evolve);
+    gsl_odeiv2_control_free(control);
+    gsl_odeiv2_step_free(step);
+  }
+};
+
+struct GslRk8pd {
+  double tolerance;
+  static constexpr double coarsest = 1e-3, finest = 1e15;
+  static double next(double s) { return 0.5 * s; }
+  static std::string text(double s) { return tolerance_as_text(s); }
+
+  template <class World>
+  void operator()(const World& w, Point<typename World::Model>& p) const {
+    double h = 0.05;  // carried on from leg to leg
+    by_legs(w, p, [&](const auto& f, const auto& guard, auto& x, double& t, double end) {
+      using X = std::remove_reference_t<decltype(x)>;
+      using F = std::remove_cvref_t<decltype(f)>;
+      constexpr std::size_t n = std::tuple_size_v<X>;
+      static GslWorkspace<n> work;
+      gsl_odeiv2_control_init(work.control, tolerance, tolerance, 1.0, 0.0);
+      gsl_odeiv2_evolve_reset(work.evolve);
+      gsl_odeiv2_step_reset(work.step);
+      gsl_odeiv2_system system{};
+      system.function = [](double at, const double* y, double* rate, void* closure) {
+        X state, its_rate;
+        std::copy_n(y, n, state.begin());
+        (*static_cast<const F*>(closure))(state, its_rate, at);
+        std::copy_n(its_rate.begin(), n, rate);
+        return static_cast<int>(GSL_SUCCESS);
+      };
+      system.dimension = n;
+      system.params = const_cast<void*>(static_cast<const void*>(&f));
+      bool armed = guard(x) > 1e-12;
+      while (t < end) {
+        const X x0 = x;
+        const double t0 = t;
+        gsl_odeiv2_evolve_apply(work.evolve, work.control, work.step, &system, &t, std::fmin(end, 1e3), &h, x.data());
+        const double g = guard(x);
+        if (armed && !(g > 0.0)) {
+          const double length = t - t0;
+          X f0, f1, y, rate, error;
+          std::copy_n(work.evolve->dydt_in, n, f0.begin());
+          std::copy_n(work.evolve->dydt_out, n, f1.begin());
+          double lo = 0.0, hi = 1.0;
+          for (int i = 0; i < 20; ++i) {
+            const double s = 0.5 * (lo + hi), r = 1.0 - s;
+            for (std::size_t k = 0; k < n; ++k) {
+              y[k] = r * r * (1.0 + 2.0 * s) * x0[k] + s * s * (1.0 + 2.0 * r) * x[k] +
+                     length * s * r * (r * f0[k] - s * f1[k]);
+            }
+            (guard(y) > 0.0 ? lo : hi) = s;
+          }
+          double lived = hi * length;
+          for (int i = 0; i < 8; ++i) {
+            y = x0;
+            gsl_odeiv2_step_apply(work.step, t0, lived, y.data(), error.data(), f0.data(), rate.data(), &system);
+            constexpr double moment = 1e-7;
+            X soon;
+            for (std::size_t k = 0; k < n; ++k) soon[k] = y[k] + moment * rate[k];
+            const double slope = (guard(soon) - guard(y)) / moment, off = -guard(y) / slope;
+            if (std::abs(off) < 1e-7) {  // the rest is straight
+              for (std::size_t k = 0; k < n; ++k) y[k] += off * rate[k];
+              lived += off;
+              break;
+            }
+            lived += off;
+          }
+          x = y;
+          t = t0 + lived;
+          return true;
+        }
+        armed = g > 0.0;
+      }
+      return false;
+    });
+  }
+};
+#endif
+
 template <class Method, class World>
 void measure(benchmark::State& state, const World& w, double wanted) {
   double setting = Method::coarsest, error = std::numeric_limits<double>::infinity();
@@ -253,10 +358,14 @@ void add(const std::string& name, const World& (*world)()) {
       benchmark::RegisterBenchmark((work + who).c_str(),
                                    [=](benchmark::State& s) { measure<decltype(m)>(s, world(), wanted); });
     };
-    method("saltus", Saltus{});
+    method("saltus", Saltus<Rk4>{});
+    method("saltus rk8", Saltus<Rk8>{});
 #ifdef SALTUS_BENCH_ODEINT
     method("odeint rk4, bisection", OdeintRk4{});
     method("odeint dopri5, dense output", OdeintDopri5{});
+#endif
+#ifdef SALTUS_BENCH_GSL
+    method("gsl rk8pd, cubic and newton", GslRk8pd{});
 #endif
   }
 }
