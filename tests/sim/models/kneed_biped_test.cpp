@@ -180,6 +180,32 @@ TEST_CASE("kneed biped: spectra, equal at both guards, and near those the paper 
   near(a.guard[foot_strike].spectrum, {{0.58836, 0.50742}, {0.58836, -0.50742}, 0.16930});
 }
 
+TEST_CASE("kneed biped: the flow's total derivative conjugates the return maps of two sections of one chart") {
+  // Remark 4: DP' = Q DP Q^-1 on the tangent spaces of two sections, Q = Dphi from the one to the other.
+  const KneedBiped<> p;
+  const auto c = printed_cycle();
+  const int j = foot_strike;  // then the knee is unlocked
+  const double dt = c->search.dt / 2.0;
+  const double whole = c->fine[j].leg.duration;
+  WideCycle a = c->fine;
+  WideCycle b = c->fine;
+  REQUIRE(cut_leg(p, dt, a, j, 0.3 * whole));
+  REQUIRE(cut_leg(p, dt, b, j, 0.7 * whole));
+  const auto between =
+      follow_leg<orbit_width>(p, point_in<KneedBiped<>>(a[j + 1].chart, a[j + 1].x), dt, 0.4 * whole, true);
+  CHECK((between.x1 - b[j + 1].x).norm() < 1e-9);
+  const WideMatrix q = total_derivative(between);
+  const auto svd = decompose<orbit_width>(q);
+  CHECK(svd.sigma[4] > 1e-2);  // a diffeomorphism of the sections
+  CHECK(svd.sigma[5] < 1e-9);
+  WideMatrix back = WideMatrix::Zero();
+  for (int i = 0; i < 5; ++i) back += svd.v.col(i) * svd.u.col(i).transpose() / svd.sigma[static_cast<std::size_t>(i)];
+  const WideMatrix here = return_map(a, j + 1) * onto_guard(a, j + 1);
+  const WideMatrix there = return_map(b, j + 1) * onto_guard(b, j + 1);
+  CHECK((here - there).norm() > 0.1 * there.norm());
+  CHECK((q * here * back - there).norm() < 1e-8 * there.norm());
+}
+
 TEST_CASE("kneed biped: ranks, bounds, and why each zero is zero") {
   const auto c = printed_cycle();
   const auto& a = c->analysis;
