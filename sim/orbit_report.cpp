@@ -17,11 +17,19 @@ std::string edge_name(const std::vector<std::string>& edges, int edge) {
 }  // namespace
 
 template WideAnalysis analyse<orbit_width>(const WideCycle&, const WideCycle&) noexcept;
-template WideMultipliers multipliers_at<orbit_width>(const WideCycle&, const WideCycle&, int) noexcept;
+template WideMultipliers multipliers_at<orbit_width>(const WideCycle&, const WideCycle&, int, Bounds) noexcept;
 template std::array<double, orbit_width> singular_values<orbit_width>(const Mat<orbit_width, orbit_width>&) noexcept;
 
-double OrbitReport::modulus() const { return multipliers.nonzero > 0 ? std::abs(multipliers.value[0]) : 0.0; }
-double OrbitReport::modulus_error() const { return multipliers.nonzero > 0 ? multipliers.error[0] : 0.0; }
+std::optional<bool> OrbitReport::stable() const {
+  double most = 0.0;
+  double least = 0.0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(multipliers.dim); ++i) {
+    most = std::max(most, std::abs(multipliers.value[i]) + multipliers.error[i]);
+    least = std::max(least, std::abs(multipliers.value[i]) - multipliers.error[i]);
+  }
+  if (multipliers.dim == 0 || !(most < 1.0 || least > 1.0)) return {};
+  return most < 1.0;
+}
 
 std::string explain(const Search& s, const std::vector<std::string>& edges) {
   const std::string after = s.after < 0 ? "from the start " : "after " + edge_name(edges, s.after) + " ";
@@ -39,6 +47,9 @@ std::string explain(const Search& s, const std::vector<std::string>& edges) {
       return after + "it falls";
     case SearchOutcome::no_cycle:
       return "its events do not repeat";
+    case SearchOutcome::too_many:
+      return "so many returns take more than " + std::to_string(max_cycle_events) +
+             " events, which is all there is room for";
     case SearchOutcome::collapsed:
       return "the search ends in a state at rest, or chattering, where a cycle takes no time";
     case SearchOutcome::trouble:
@@ -48,7 +59,13 @@ std::string explain(const Search& s, const std::vector<std::string>& edges) {
     case Status::zeno:
       return after + "events accumulate (chattering)";
     case Status::escaped:
-      return after + "it leaves its chart without an event";
+      if (s.behind < 0) return after + "it leaves its chart without an event";
+      if (s.behind == s.after) {
+        return after + "it leaves its chart without an event, for it stays on the guard of " +
+               edge_name(edges, s.behind) + ": events accumulate (chattering)";
+      }
+      return after + "it leaves its chart without an event, for the guard of " + edge_name(edges, s.behind) +
+             " is passed already: the gait changes its order of events";
     case Status::diverged:
       return after + "a coordinate grows beyond all numbers";
     default:
@@ -57,9 +74,11 @@ std::string explain(const Search& s, const std::vector<std::string>& edges) {
 }
 
 std::string explain(const OrbitReport& r) {
-  const auto at = static_cast<std::size_t>(r.analysis.at % std::max(1, r.fine.count));
+  const int from = r.analysis.at % std::max(1, r.fine.count);
+  const auto at = static_cast<std::size_t>(from);
   const std::string edge = r.fine.count > 0 ? edge_name(r.edges, r.fine.map[at].edge) : "";
-  const std::string finer = "; try --ticks " + std::to_string(4 * r.ticks);
+  const std::string finer = r.analysis.finer ? "; try --ticks " + std::to_string(4 * r.ticks)
+                                             : "; it is rounding that hides it, and smaller steps do not help";
   switch (r.analysis.doubt) {
     case Doubt::none:
       return {};
@@ -71,7 +90,11 @@ std::string explain(const OrbitReport& r) {
     case Doubt::coarse:
       return "the derivative of the flow after " + edge + " does not agree with the flow (eq. 3)" + finer;
     case Doubt::undecided_rank:
-      return "at " + edge + " a singular value lies too near the tolerance for its rank to be told" + finer;
+      return "at " + edge + " a singular value lies too near its error for the rank to be told" + finer;
+    case Doubt::undecided_image:
+      return "whether the flow crosses the image of " + edge + " cannot be told, the sine is " +
+             text("%.1e", r.analysis.edge[at].image_angle) + " +- " +
+             text("%.1e", r.analysis.edge[at].image_tolerance) + finer;
     case Doubt::outside_bounds:
       return "a rank at " + edge + " lies outside its bounds: it was misjudged" + finer;
     case Doubt::unequal_spectra:
@@ -81,6 +104,14 @@ std::string explain(const OrbitReport& r) {
       return "at " + edge +
              " a multiplier is 1 but for rounding: the cycle is one of a family, or ends here in a fold, so that its "
              "state and its stability are not determined";
+    case Doubt::not_periodic:
+      return r.periodicity.same_order
+                 ? "a second round ends a relative " + text("%.1e", r.periodicity.state) +
+                       " off, more than what is left of Newton's method explains: it is no cycle (Definition 4)"
+                 : "a second round has other events: it is no cycle (Definition 4)";
+    case Doubt::rank_changes:
+      return "the rank of the reset of " + edge +
+             " is not constant around its guard (A3): bounds and rank mean nothing";
   }
   return {};
 }

@@ -2,6 +2,7 @@
 // its pictures are compiled once.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -11,14 +12,15 @@
 
 namespace saltus {
 
-inline constexpr int orbit_width = 8;  // room for the charts of every model
+inline constexpr int orbit_width = 6;  // room for the charts of every model
 using WideCycle = Cycle<orbit_width>;
 using WideAnalysis = CycleAnalysis<orbit_width>;
 using WideMultipliers = ConditionedMultipliers<orbit_width>;
+static_assert(sizeof(WideCycle) <= 16384 && sizeof(WideAnalysis) <= 16384);  // no object of core's is larger
 
 // Expensive to compile, so compiled once.
 extern template WideAnalysis analyse<orbit_width>(const WideCycle&, const WideCycle&) noexcept;
-extern template WideMultipliers multipliers_at<orbit_width>(const WideCycle&, const WideCycle&, int) noexcept;
+extern template WideMultipliers multipliers_at<orbit_width>(const WideCycle&, const WideCycle&, int, Bounds) noexcept;
 extern template std::array<double, orbit_width> singular_values<orbit_width>(
     const Mat<orbit_width, orbit_width>&) noexcept;
 
@@ -40,7 +42,8 @@ struct OrbitReport {
 
   std::string model;
   std::vector<std::string> charts, edges;
-  std::int64_t ticks = 0;  // of the coarser computation; the numbers are of the finer one, with twice as many
+  std::int64_t ticks = 0;  // a return, of the coarser computation; the numbers are of the finer one, with twice as many
+  int returns = 1;         // a cycle
   Search search;
   WideCycle coarse, fine;
   WideAnalysis analysis;
@@ -55,6 +58,7 @@ struct OrbitReport {
   std::vector<Event> events;
   double spread = 0.0;   // largest distance of the non-zero multipliers over all sections, guards and charts
   double allowed = 0.0;  // what their errors allow
+  int compared = 0;      // of how many
 
   double energy_drift = -1.0;  // along the legs, relative; negative: the model has no energy
 
@@ -65,10 +69,10 @@ struct OrbitReport {
   std::vector<std::string> notes;
 
   double period() const { return fine.period(); }
-  // The largest modulus, and its error.
-  double modulus() const;
-  double modulus_error() const;
-  bool stable() const { return modulus() + modulus_error() < 1.0; }
+  double modulus() const { return std::abs(multipliers.value[0]); }  // the largest
+  // Whether all moduli are below 1 with their errors; none where these leave it open, or nothing can be trusted.
+  std::optional<bool> stable() const;
+  bool superstable() const { return multipliers.nonzero + multipliers.untold == 0; }
 };
 
 // A sentence on why no limit cycle was found, or why its numbers cannot be trusted; empty when they can.

@@ -14,10 +14,13 @@ enum class Doubt : unsigned char {
   other_order,      // the two step sizes do not see the same events: one was missed
   grazing,          // a guard is met almost tangentially
   coarse,           // the derivative of the flow is not consistent with the flow, eq. 3
-  undecided_rank,   // a singular value lies too near the tolerance
-  outside_bounds,   // a rank contradicts Lemma 3 or Theorem 4
+  undecided_rank,   // a singular value is neither clearly zero nor clearly not, and no theorem tells
+  undecided_image,  // of the image of a guard, whether the flow crosses it
+  outside_bounds,   // a rank contradicts Theorem 1, Lemma 3 or Theorem 4
   unequal_spectra,  // the guards disagree on the non-zero multipliers
   not_isolated,     // a multiplier is 1 to within rounding: a family of cycles, or a fold
+  not_periodic,     // a second round differs from the first (Definition 4, A1)
+  rank_changes,     // the rank of a reset is not constant around its guard (A3)
 };
 
 // An edge: its reset and its edge map, on the tangent space of the guard.
@@ -54,7 +57,8 @@ struct GuardAnalysis {
 template <int N>
 struct CycleAnalysis {
   Doubt doubt = Doubt::none;
-  int at = 0;  // edge map where the doubt arose
+  int at = 0;          // edge map where the doubt arose
+  bool finer = false;  // smaller steps would lessen the error that it rests on
   int count = 0;
   std::array<EdgeAnalysis<N>, max_cycle_events> edge{};
   std::array<LegAnalysis<N>, max_cycle_events> leg{};
@@ -66,19 +70,12 @@ struct CycleAnalysis {
 namespace orbit {
 inline constexpr double epsilon = std::numeric_limits<double>::epsilon();
 
-// A matrix from both computations: the finer value, and two sizes of its error, both of differences and of rounding.
-template <int N>
-struct Measured {
-  Mat<N, N> value;
-  double tolerance;  // a bound in the 2-norm, for ranks
-  Mat<N, N> error;   // likely, entry by entry
-};
 // `magnitude`: the sum of the absolute values of what each entry was summed from.
 template <int N>
 Measured<N> measured(const Mat<N, N>& coarse, const Mat<N, N>& fine, const Mat<N, N>& magnitude) noexcept {
   const Mat<N, N> difference = (coarse - fine).cwiseAbs();
   const Mat<N, N> rounding = (64.0 * epsilon) * magnitude;
-  return {fine, difference.norm() + rounding.norm(), difference / 8.0 + rounding / 4.0};
+  return {fine, coarse, difference.norm() + rounding.norm(), rounding.norm(), difference / 8.0 + rounding / 4.0};
 }
 
 template <int N>
@@ -97,13 +94,30 @@ Mat<N, N> magnitude(const EdgeMap<N>& map) noexcept {
   return r;
 }
 
+// An error in one edge map passes through the maps before and behind it as they are, not as their magnitudes: products
+// of those would grow from passage to passage where the cycle contracts.
 template <int N>
 Measured<N> measured_return_map(const Cycle<N>& coarse, const Cycle<N>& fine, int q) noexcept {
-  Mat<N, N> size = onto_guard(fine, q).cwiseAbs();
-  for (int j = 0; j < fine.count; ++j) {
-    size = (magnitude(fine[q + j].leg) * (magnitude(fine[q + j]) * size)).eval();
+  std::array<Mat<N, N>, max_cycle_maps> before;  // from the guard of q to that of each map
+  before[0] = onto_guard(fine, q);
+  for (int j = 1; j < fine.count; ++j) {
+    const auto at = static_cast<std::size_t>(j);
+    before[at] = fine[q + j - 1].derivative() * before[at - 1];
   }
-  return measured<N>(return_map(coarse, q) * onto_guard(coarse, q), return_map(fine, q) * onto_guard(fine, q), size);
+  Mat<N, N> behind = Mat<N, N>::Identity();
+  Mat<N, N> size = return_map(fine, q).cwiseAbs() * before[0].cwiseAbs();
+  for (int j = fine.count; j-- > 0;) {
+    const EdgeMap<N>& map = fine[q + j];
+    size += behind.cwiseAbs() * magnitude(map.leg) * magnitude(map) * before[static_cast<std::size_t>(j)].cwiseAbs();
+    behind = (behind * map.derivative()).eval();
+  }
+  return measured<N>(return_map(coarse, q) * onto_guard(coarse, q), return_map(fine, q) * before[0], size);
+}
+
+// Smaller steps lessen the error.
+template <int N>
+bool steps_dominate(const Measured<N>& m) noexcept {
+  return m.tolerance > 2.0 * m.rounding;
 }
 
 // Sine of the angle between f and the span of the first `rank` columns of u.
@@ -115,21 +129,14 @@ double angle_to_span(const Vec<N>& f, const Mat<N, N>& u, int rank) noexcept {
 }
 }  // namespace orbit
 
-// Non-zero multipliers of the return map where map q starts, from the cycle with steps h and h/2.
+// Multipliers of the return map where map q starts, from the cycle with steps h and h/2. `bounds`: of its rank, where
+// they are known.
 template <int N>
-ConditionedMultipliers<N> multipliers_at(const Cycle<N>& coarse, const Cycle<N>& fine, int q) noexcept {
+ConditionedMultipliers<N> multipliers_at(const Cycle<N>& coarse, const Cycle<N>& fine, int q,
+                                         Bounds bounds = {0, N}) noexcept {
+  bounds.upper = std::min(bounds.upper, fine[q].dim - 1);
   const auto m = orbit::measured_return_map(coarse, fine, q);
-  return conditioned_multipliers<N>(m.value, fine[q].dim, m.tolerance, m.error);
-}
-
-// The sum of the largest errors of two spectra.
-template <int N>
-double allowed_distance(const ConditionedMultipliers<N>& a, const ConditionedMultipliers<N>& b) noexcept {
-  double ea = 0.0;
-  double eb = 0.0;
-  for (int i = 0; i < a.nonzero; ++i) ea = std::fmax(ea, a.error[static_cast<std::size_t>(i)]);
-  for (int i = 0; i < b.nonzero; ++i) eb = std::fmax(eb, b.error[static_cast<std::size_t>(i)]);
-  return ea + eb;
+  return conditioned_multipliers<N>(m, fine[q].dim, rank_of<N>(m, bounds));
 }
 
 // `coarse` and `fine` are the same limit cycle, found with steps h and h/2. Numbers behind a doubt mean nothing.
@@ -138,12 +145,21 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
   using orbit::measured;
   constexpr double grazing = 1e-6;   // [-] sine
   constexpr double isolated = 1e-6;  // [-] from 1; at a fold Newton's method knows the state to rounding over this
+  constexpr double vague = 1e-3;     // [-] error of a multiplier that is as good as none
   CycleAnalysis<N> out;
   out.count = fine.count;
-  const auto doubt = [&](Doubt d, int at) {
+  const auto doubt = [&](Doubt d, int at, bool finer = true) {
     if (out.doubt != Doubt::none) return;
     out.doubt = d;
     out.at = at;
+    out.finer = finer;
+  };
+  // Whether the rank is known; if not, which doubt that is.
+  const auto known = [&](const Rank<N>& rank, Bounds bounds, const Measured<N>& m, int at) {
+    if (!rank.known()) {
+      doubt(rank.counted > bounds.upper ? Doubt::outside_bounds : Doubt::undecided_rank, at, orbit::steps_dominate(m));
+    }
+    return rank.known();
   };
   if (coarse.count != fine.count) doubt(Doubt::other_order, 0);
   for (int j = 0; j < fine.count && out.doubt == Doubt::none; ++j) {
@@ -165,24 +181,25 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
     const Mat<N, N> tangent_coarse = onto_guard(coarse, j);
     const auto reset =
         measured<N>(coarse[j].reset * tangent_coarse, map.reset * tangent, orbit::magnitude(map) * tangent.cwiseAbs());
-    const Decomposition<N> svd = decompose<N>(reset.value);
-    e.reset = orbit::decide(svd.sigma, reset.tolerance);
+    const Bounds room{0, std::min(map.dim - 1, map.leg.dim)};
+    e.reset = rank_of<N>(reset, room);
+    e.guard_angle = transversality(fine.arrival(j));
+    if (!known(e.reset, room, reset, j)) continue;
+    const int r = e.reset.value;
+    e.image_angle = orbit::angle_to_span<N>(map.leg.f0, decompose<N>(reset.value).u, r);
+    const double smallest = r > 0 ? e.reset.sigma[static_cast<std::size_t>(r - 1)] : 1.0;
+    const double rounding = reset.rounding / smallest + 64.0 * orbit::epsilon;
+    e.image_tolerance = (reset.tolerance - reset.rounding) / smallest +
+                        (map.leg.f0 - coarse[j].leg.f0).norm() / map.leg.f0.norm() + rounding;
+    e.rank = {map.dim, map.leg.dim, r, e.image_angle > orbit::clear * e.image_tolerance};
+    if (!e.rank.transverse && !e.rank.decreasing() && e.image_angle > rounding) {
+      doubt(Doubt::undecided_image, j, e.image_tolerance > 2.0 * rounding);
+    }
+    e.bounds = lemma3(e.rank);
     const auto p = measured<N>(coarse[j].derivative() * tangent_coarse, map.derivative() * tangent,
                                orbit::magnitude(map.leg) * (orbit::magnitude(map) * tangent.cwiseAbs()));
-    e.map = rank_of<N>(p.value, p.tolerance);
-    e.guard_angle = transversality(fine.arrival(j));
-    if (!e.reset.known() || !e.map.known()) {
-      doubt(Doubt::undecided_rank, j);
-      continue;
-    }
-    const int r = e.reset.value;
-    e.image_angle = orbit::angle_to_span<N>(map.leg.f0, svd.u, r);
-    const double smallest = r > 0 ? e.reset.sigma[static_cast<std::size_t>(r - 1)] : 1.0;
-    e.image_tolerance =
-        reset.tolerance / smallest + (map.leg.f0 - coarse[j].leg.f0).norm() / map.leg.f0.norm() + 64.0 * orbit::epsilon;
-    e.rank = {map.dim, map.leg.dim, r, e.image_angle > orbit::clear * e.image_tolerance};
-    e.bounds = lemma3(e.rank);
-    if (!e.bounds.contains(e.map.value)) doubt(Doubt::outside_bounds, j);
+    e.map = rank_of<N>(p, e.bounds);
+    known(e.map, e.bounds, p, j);
     ranks[static_cast<std::size_t>(j)] = e.rank;
   }
 
@@ -193,15 +210,15 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
     const auto total = measured<N>(total_derivative(leg_coarse), total_derivative(leg), orbit::magnitude(leg));
     l.invariant = invariant_residual(leg);
     l.kernel = (total.value * leg.f0).norm() / (total.value.norm() * leg.f0.norm());
-    l.total = rank_of<N>(total.value, total.tolerance);
+    const Bounds all_but_one{leg.dim - 1, leg.dim - 1};  // Theorem 1
+    l.total = rank_of<N>(total, all_but_one);
     const Vec<N> f = leg.f0.normalized();
-    l.section = rank_of<N>(total.value - total.value * f * f.transpose(), total.tolerance);
-    l.eigenvalues = conditioned_multipliers<N>(total.value, leg.dim, total.tolerance, total.error);
-    if (!l.total.known() || !l.section.known() || l.eigenvalues.status != Status::ok) {
-      doubt(Doubt::undecided_rank, j);
-    } else if (l.total.value != leg.dim - 1 || l.section.value != leg.dim - 1) {
-      doubt(Doubt::outside_bounds, j);  // Theorem 1 holds for every leg
-    }
+    Measured<N> section = total;
+    section.value -= total.value * f * f.transpose();
+    section.coarse -= total.coarse * f * f.transpose();
+    l.section = rank_of<N>(section, all_but_one);
+    l.eigenvalues = conditioned_multipliers<N>(total, leg.dim, l.total);
+    if (known(l.total, all_but_one, total, j)) known(l.section, all_but_one, total, j);
   }
   if (out.doubt != Doubt::none) return out;
 
@@ -210,17 +227,18 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
     const auto at = static_cast<std::size_t>(q);
     GuardAnalysis<N>& g = out.guard[at];
     const auto m = orbit::measured_return_map(coarse, fine, q);
-    g.rank = rank_of<N>(m.value, m.tolerance);
     g.bounds = theorem4(edges, at);
-    g.spectrum = conditioned_multipliers<N>(m.value, fine[q].dim, m.tolerance, m.error);
+    g.rank = rank_of<N>(m, g.bounds);
+    g.spectrum = conditioned_multipliers<N>(m, fine[q].dim, g.rank);
     const Vec<N> f = fine[q].leg.f0;
     g.one = (cycle_derivative(fine, q) * f - f).norm() / f.norm();
-    if (!g.rank.known() || g.spectrum.status != Status::ok) {
-      doubt(Doubt::undecided_rank, q);
-      continue;
+    if (!known(g.rank, g.bounds, m, q)) continue;
+    g.zeros = classify(edges, at, g.rank.value, g.spectrum.nonzero, g.spectrum.untold);
+    // A zero that no theorem asks for is a number like others, and its error tells what it is worth.
+    const auto last = static_cast<std::size_t>(fine[q].dim - 1);
+    if (g.zeros.chain + g.zeros.nilpotent > 0 && !(g.spectrum.error[last] < vague)) {
+      doubt(Doubt::undecided_rank, q, orbit::steps_dominate(m));
     }
-    g.zeros = classify(edges, at, g.rank.value, g.spectrum.nonzero);
-    if (!g.bounds.contains(g.rank.value)) doubt(Doubt::outside_bounds, q);
     for (int i = 0; i < g.spectrum.nonzero; ++i) {
       if (std::abs(g.spectrum.value[static_cast<std::size_t>(i)] - 1.0) < isolated) doubt(Doubt::not_isolated, q);
     }
@@ -230,7 +248,7 @@ CycleAnalysis<N> analyse(const Cycle<N>& coarse, const Cycle<N>& fine) noexcept 
       const double allowed = allowed_distance(first, g.spectrum);
       out.spread = std::fmax(out.spread, spread);
       out.allowed = std::fmax(out.allowed, allowed);
-      if (spread > allowed) doubt(Doubt::unequal_spectra, q);
+      if (spread > allowed) doubt(Doubt::unequal_spectra, q, orbit::steps_dominate(m));
     }
   }
   return out;

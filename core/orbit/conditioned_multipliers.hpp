@@ -12,34 +12,35 @@ namespace saltus {
 
 template <int N>
 struct ConditionedMultipliers {
-  Status status = Status::failed;                               // ok, or failed: a rank on the way is undecided
-  int dim = 0;                                                  // of the chart
-  int nonzero = 0;                                              // the others are zero
-  int index = 0;                                                // passages after which the zero part is forgotten
+  Status status = Status::failed;  // ok, or failed: the matrix is not finite, or the rank that zeros rest on undecided
+  int dim = 0;                     // of the chart
+  int nonzero = 0;                 // more than their errors
+  int untold = 0;                  // the next ones, zero within their errors; all others are zero by rank
+  int index = 0;                   // passages after which the part that is zero by rank is forgotten
   std::array<Complex, static_cast<std::size_t>(N)> value{};     // by falling modulus, (dim)
   std::array<double, static_cast<std::size_t>(N)> error{};      // how far each may be off
   std::array<double, static_cast<std::size_t>(N)> condition{};  // [-] of each non-zero one: its error over the matrix's
 };
 
-// The eigenvalues of `matrix`, (dim x dim) in its upper left corner, zeros beyond. Up to `tolerance` a singular value
-// is zero; `error` is the likely size of each entry's error, so that badly scaled coordinates do no harm.
+// The eigenvalues of a matrix of the given rank, (dim x dim) in its upper left corner, zeros beyond. Where ranks are
+// undecided, what may be zero is carried along: the errors hold all the same. The error entry by entry is used, so that
+// badly scaled coordinates do no harm.
 template <int N>
-ConditionedMultipliers<N> conditioned_multipliers(const Mat<N, N>& matrix, int dim, double tolerance,
-                                                  const Mat<N, N>& error) noexcept {
+ConditionedMultipliers<N> conditioned_multipliers(const Measured<N>& m, int dim, Rank<N> rank) noexcept {
+  const Mat<N, N>& matrix = m.value;
+  const Mat<N, N>& error = m.error;
   ConditionedMultipliers<N> r;
   r.dim = dim;
-  if (!matrix.allFinite() || !(tolerance >= 0.0)) return r;
-  // A = U S V^T of rank k has the non-zero eigenvalues of the (k x k) matrix S V^T U, and so on until the rank stays.
-  // `right` and `left` carry the eigenvectors of what remains back to those of A.
+  if (!matrix.allFinite() || !m.coarse.allFinite() || !(m.tolerance >= 0.0)) return r;
+  r.status = rank.status;
+  // A = U S V^T of rank k has the non-zero eigenvalues of the (k x k) matrix S V^T U = U^T A U, and so on until the
+  // rank stays. `right` and `left` carry the eigenvectors of what remains back to those of A.
   Mat<N, N> core = matrix;
   Mat<N, N> right = Mat<N, N>::Identity();
   Mat<N, N> left = Mat<N, N>::Identity();
   int size = dim;
-  for (;;) {
+  while (rank.known() && rank.value < size) {
     const Decomposition<N> svd = decompose<N>(core);
-    const Rank<N> rank = orbit::decide(svd.sigma, tolerance);
-    if (!rank.known()) return r;
-    if (rank.value == size) break;
     ++r.index;
     size = rank.value;
     if (size == 0) break;
@@ -52,9 +53,9 @@ ConditionedMultipliers<N> conditioned_multipliers(const Mat<N, N>& matrix, int d
     core = sv * u;
     right = (right * u).eval();
     left = (sv * left).eval();
+    const Mat<N, N> coarse = right.transpose() * m.coarse * right;
+    rank = orbit::decide(singular_values<N>(core), singular_values<N>(coarse), m.tolerance, m.rounding, {0, size});
   }
-  r.nonzero = size;
-  r.status = Status::ok;
 
   if (size > 0) {
     // Numbers larger than any eigenvalue keep the idle corner apart from what is asked for.
@@ -88,28 +89,45 @@ ConditionedMultipliers<N> conditioned_multipliers(const Mat<N, N>& matrix, int d
       const double solver_error = 4.0 * std::numeric_limits<double>::epsilon() * size_of_core;
       const double first_order = y.dot(error * x) + solver_error * z.col(k).norm() * w.row(k).norm();
       r.error[at] = first_order < elsner ? first_order : elsner;
+      // By falling modulus: behind one that is not told from zero none is.
+      if (r.nonzero == i && std::abs(r.value[at]) > r.error[at]) ++r.nonzero;
     }
+    for (int i = r.nonzero; i < size; ++i) {
+      const auto at = static_cast<std::size_t>(i);
+      r.error[at] += std::abs(r.value[at]);
+      r.value[at] = 0.0;
+    }
+    r.untold = size - r.nonzero;
   }
   // A zero in a chain of `index` links moves by the index-th root of the matrix's error.
   for (int i = size; i < dim; ++i) {
     const double links = std::max(1, r.index);
     r.error[static_cast<std::size_t>(i)] =
-        std::pow(tolerance, 1.0 / links) * std::pow(std::fmax(matrix.norm(), tolerance), 1.0 - 1.0 / links);
+        std::pow(m.tolerance, 1.0 / links) * std::pow(std::fmax(matrix.norm(), m.tolerance), 1.0 - 1.0 / links);
   }
   return r;
 }
 
+// Of a matrix known to within `tolerance`, up to which a singular value is zero.
+template <int N>
+ConditionedMultipliers<N> conditioned_multipliers(const Mat<N, N>& matrix, int dim, double tolerance,
+                                                  const Mat<N, N>& error) noexcept {
+  return conditioned_multipliers<N>({matrix, matrix, tolerance, tolerance, error}, dim, rank_of<N>(matrix, tolerance));
+}
+
 // Largest distance from a non-zero multiplier of one map to its nearest partner in the other; infinite when they are
-// not equally many. Zero for any two sections of one cycle (Remark 4, and across charts).
+// not equally many, but for those not told from zero. Zero for any two sections of one cycle (Remark 4, and across
+// charts).
 template <int N>
 double spectral_distance(const ConditionedMultipliers<N>& a, const ConditionedMultipliers<N>& b) noexcept {
-  if (a.nonzero != b.nonzero) return std::numeric_limits<double>::infinity();
+  const int count = std::max(a.nonzero, b.nonzero);
+  if (std::min(a.nonzero + a.untold, b.nonzero + b.untold) < count) return std::numeric_limits<double>::infinity();
   std::array<bool, static_cast<std::size_t>(N)> taken{};
   double worst = 0.0;
-  for (int i = 0; i < a.nonzero; ++i) {
+  for (int i = 0; i < count; ++i) {
     double nearest = std::numeric_limits<double>::infinity();
     std::size_t partner = 0;
-    for (int j = 0; j < b.nonzero; ++j) {
+    for (int j = 0; j < count; ++j) {
       const auto at = static_cast<std::size_t>(j);
       const double d = std::abs(a.value[static_cast<std::size_t>(i)] - b.value[at]);
       if (!taken[at] && d < nearest) {
@@ -121,6 +139,18 @@ double spectral_distance(const ConditionedMultipliers<N>& a, const ConditionedMu
     worst = std::fmax(worst, nearest);
   }
   return worst;
+}
+
+// The sum of the largest errors of two spectra, of what `spectral_distance` compares.
+template <int N>
+double allowed_distance(const ConditionedMultipliers<N>& a, const ConditionedMultipliers<N>& b) noexcept {
+  double ea = 0.0;
+  double eb = 0.0;
+  for (int i = 0; i < std::max(a.nonzero, b.nonzero); ++i) {
+    ea = std::fmax(ea, a.error[static_cast<std::size_t>(i)]);
+    eb = std::fmax(eb, b.error[static_cast<std::size_t>(i)]);
+  }
+  return ea + eb;
 }
 
 }  // namespace saltus

@@ -1,7 +1,8 @@
 // Ranks of the derivatives of return maps, and what bounds them (Wendel & Ames 2010, sec. 4). Numerical rank with a
 // tolerance that the caller derives from the error of the matrix: by Weyl's inequality an error E moves no singular
-// value by more than its norm. A singular value too near the tolerance leaves the rank undecided: a status, not a
-// number.
+// value by more than its norm. So one well above the tolerance is not zero; one below it is zero only where rounding
+// explains it, or where it shrinks with the step as an error does. What is neither leaves the rank undecided, unless a
+// theorem decides it: a status, not a number.
 #pragma once
 
 #include <Eigen/SVD>
@@ -17,12 +18,28 @@
 
 namespace saltus {
 
+struct Bounds {
+  int lower = 0, upper = 0;
+  bool contains(int rank) const noexcept { return lower <= rank && rank <= upper; }
+  friend bool operator==(const Bounds&, const Bounds&) = default;
+};
+
+// A matrix computed twice, with steps h and h/2.
+template <int N>
+struct Measured {
+  Mat<N, N> value, coarse;  // with h/2, and with h
+  double tolerance;         // bounds the error of `value` in the 2-norm
+  double rounding;          // the part of it that smaller steps do not lessen
+  Mat<N, N> error;          // likely, entry by entry
+};
+
 template <int N>
 struct Rank {
-  Status status = Status::failed;  // ok, or failed: undecided, or not finite
-  int value = -1;                  // -1 where undecided
-  double tolerance = 0.0;          // singular values up to here count as zero
-  double margin = 0.0;             // smallest singular value counted, over the tolerance; infinite at rank 0
+  Status status = Status::failed;  // ok, or failed: undecided, not finite, or above its bounds
+  int value = -1;                  // -1 where failed
+  int counted = 0;                 // singular values clear of the tolerance: numerically the rank is at least this
+  double tolerance = 0.0;          // bounds the error of a singular value
+  double margin = 0.0;             // smallest singular value counted, over the tolerance; infinite where none is
   std::array<double, static_cast<std::size_t>(N)> sigma{};  // falling
 
   bool known() const noexcept { return status == Status::ok; }
@@ -40,22 +57,30 @@ std::array<double, static_cast<std::size_t>(N)> singular_values(const Mat<N, N>&
 namespace orbit {
 inline constexpr double clear = 10.0;  // a singular value counts when it is this much above the tolerance
 
+inline constexpr double shrinks = 4.0;  // an error of fourth order does so by 16 when the step is halved
+
+// `coarse`: the singular values with the larger step. Where the bounds leave one rank it is that, whatever is counted.
 template <std::size_t N>
-Rank<static_cast<int>(N)> decide(const std::array<double, N>& sigma, double tolerance) noexcept {
+Rank<static_cast<int>(N)> decide(const std::array<double, N>& sigma, const std::array<double, N>& coarse,
+                                 double tolerance, double rounding, Bounds bounds) noexcept {
   Rank<static_cast<int>(N)> r;
   r.tolerance = tolerance;
   r.margin = std::numeric_limits<double>::infinity();
-  r.value = 0;
-  r.status = Status::ok;
   r.sigma = sigma;
-  for (const double s : sigma) {
-    if (s <= tolerance) continue;
-    ++r.value;
-    r.margin = s / tolerance;
+  bool told = true;
+  for (std::size_t k = 0; k < N; ++k) {
+    const double s = sigma[k];
+    if (s > tolerance && s >= clear * tolerance) {
+      ++r.counted;
+      r.margin = s / tolerance;
+    } else if (!(s <= rounding) && !(shrinks * s <= coarse[k])) {
+      told = told && static_cast<int>(k) >= bounds.upper;
+    }
   }
-  if (!(r.margin >= clear)) {
-    r.status = Status::failed;
-    r.value = -1;
+  if (r.counted > bounds.upper) return r;
+  if (bounds.lower == bounds.upper || (told && r.counted >= bounds.lower)) {
+    r.status = Status::ok;
+    r.value = std::max(r.counted, bounds.lower);
   }
   return r;
 }
@@ -75,18 +100,18 @@ Decomposition<N> decompose(const Mat<N, N>& matrix) noexcept {
   return r;
 }
 
+// Rank of a measured matrix, which a theorem bounds.
+template <int N>
+Rank<N> rank_of(const Measured<N>& m, Bounds bounds) noexcept {
+  if (!m.value.allFinite() || !m.coarse.allFinite() || !(m.tolerance >= 0.0)) return {};
+  return orbit::decide(singular_values<N>(m.value), singular_values<N>(m.coarse), m.tolerance, m.rounding, bounds);
+}
+
 // Rank of a matrix known to within `tolerance` in the 2-norm; 0 where it is exact.
 template <int N>
 Rank<N> rank_of(const Mat<N, N>& matrix, double tolerance) noexcept {
-  if (!matrix.allFinite() || !(tolerance >= 0.0)) return {};
-  return orbit::decide(singular_values<N>(matrix), tolerance);
+  return rank_of<N>({matrix, matrix, tolerance, tolerance, Mat<N, N>::Zero()}, {0, N});
 }
-
-struct Bounds {
-  int lower = 0, upper = 0;
-  bool contains(int rank) const noexcept { return lower <= rank && rank <= upper; }
-  friend bool operator==(const Bounds&, const Bounds&) = default;
-};
 
 // Rank of a product of matrices from their ranks, eqs. 6 and 7. `interior`: the dimensions between neighbours, one
 // fewer than there are factors (eq. 7 as printed sums the outer ones too).
@@ -138,22 +163,24 @@ inline Bounds theorem4(std::span<const EdgeRank> edges, std::size_t q) noexcept 
 }
 
 // Why multipliers of D P_q are zero. The first three are trivial: no perturbation of the dynamics changes them. The
-// last two say that the cycle forgets more than its charts and resets explain.
+// next two say that the cycle forgets more than its charts and resets explain.
 struct ZeroMultipliers {
   int section = 0;    // the direction out of the section (1)
   int dimension = 0;  // a chart of lower dimension on the way
   int reset = 0;      // a reset of lower rank than its charts allow
   int chain = 0;      // rank lost by composition, below Theorem 4's upper bound
   int nilpotent = 0;  // rank that is there, but is lost within some more passages
+  int untold = 0;     // zero within their errors: nothing else is known
 
-  int total() const noexcept { return section + dimension + reset + chain + nilpotent; }
+  int total() const noexcept { return section + dimension + reset + chain + nilpotent + untold; }
 };
 
-inline ZeroMultipliers classify(std::span<const EdgeRank> edges, std::size_t q, int rank, int nonzero) noexcept {
+inline ZeroMultipliers classify(std::span<const EdgeRank> edges, std::size_t q, int rank, int nonzero,
+                                int untold = 0) noexcept {
   int smallest = std::numeric_limits<int>::max();
   for (const EdgeRank& e : edges) smallest = std::min(smallest, e.from - 1);
   const int upper = theorem4(edges, q).upper;
-  return {1, edges[q].from - 1 - smallest, smallest - upper, upper - rank, rank - nonzero};
+  return {1, edges[q].from - 1 - smallest, smallest - upper, upper - rank, rank - nonzero - untold, untold};
 }
 
 }  // namespace saltus

@@ -9,6 +9,7 @@
 namespace saltus {
 
 inline constexpr int max_cycle_events = 12;
+inline constexpr int max_cycle_maps = max_cycle_events + 1;  // with a section among them
 
 // One edge map: from x on the guard of `edge` through the reset to the end of `leg`. N as of Leg.
 template <int N>
@@ -28,7 +29,7 @@ struct EdgeMap {
 template <int N>
 struct Cycle {
   int count = 0;
-  std::array<EdgeMap<N>, max_cycle_events> map{};
+  std::array<EdgeMap<N>, max_cycle_maps> map{};
 
   EdgeMap<N>& operator[](int j) noexcept { return map[static_cast<std::size_t>(j % count)]; }
   const EdgeMap<N>& operator[](int j) const noexcept { return map[static_cast<std::size_t>(j % count)]; }
@@ -84,11 +85,11 @@ Point<M> point_in(int chart, const Vec<N>& x) noexcept {
 
 // Cuts leg j where a section meets it, or, unwatched, after `at` [s]; there the section is the plane normal to the
 // flow. Map j + 1 of the cycle then starts on the section: the return maps there and at the guards are conjugate
-// (Remark 4). False when the leg does not meet it, or the cycle is full.
+// (Remark 4). False when the leg does not meet it, or the cycle has no room for another section.
 template <class M, int N, class Watch = Unwatched>
 bool cut_leg(const M& m, double dt, Cycle<N>& cycle, int j, double at, const Watch& watch = {}) noexcept {
   using End = typename Leg<N>::End;
-  if (cycle.count == max_cycle_events) return false;
+  if (cycle.count == max_cycle_maps) return false;
   const Leg<N>& whole = cycle[j].leg;
   const Leg<N> first = follow_leg<N>(m, point_in<M>(whole.chart, whole.x0), dt, at, true, watch);
   const End wanted = std::is_same_v<Watch, Unwatched> ? End::time : End::section;

@@ -18,6 +18,7 @@ enum class SearchOutcome : unsigned char {
   fell,            // the model says that it is no longer upright
   trouble,         // the flow reported `status`
   no_cycle,        // the events do not repeat
+  too_many,        // the first one comes again, but not as often as asked for within max_cycle_events
   collapsed,       // they repeat within a few steps of the integrator: at rest, or chattering
 };
 
@@ -27,12 +28,17 @@ struct Search {
   SearchOutcome outcome = SearchOutcome::no_cycle;
   Status status = Status::ok;
   int after = -1, expected = -1, met = -1;
-  int iterations = 0;                                         // of Newton's method
+  int behind = -1;     // edge whose guard the leg began behind, or on, and did not get away from (Status::escaped)
+  int iterations = 0;  // of Newton's method
   double residual = std::numeric_limits<double>::infinity();  // largest mismatch of a state at a guard
   double dt = 0.0;                                            // [s] step of the integrator
 };
 
 namespace orbit {
+// Mismatch at a guard, relative to 1 + the size of the state, that is left where rounding lets Newton's method go no
+// further.
+inline constexpr double mismatch = 1e-10;
+
 // Evaluates map j from its x: the reset, its derivative, and the leg.
 template <class M, int N, class Watch>
 void evaluate_map(const M& m, double dt, double longest, const Watch& watch, EdgeMap<N>& map) noexcept {
@@ -100,6 +106,29 @@ bool expected_end(const Leg<N>& leg, int after, int expected, Search& search) no
   return false;
 }
 
+// The edge that explains why a leg escaped: one whose guard is negative where it begins, else one that it began on.
+template <class M, int N>
+int behind_guard(const M& m, const Leg<N>& leg) noexcept {
+  constexpr double rounding = 1e-12;  // relative to 1 + the size of the state
+  const Point<M> p = point_in<M>(leg.chart, leg.x0);
+  const double on = rounding * (1.0 + leg.x0.template lpNorm<Eigen::Infinity>());
+  double lowest = on;
+  int edge = -1;
+  int index = 0;
+  visit_each(typename M::Edges{}, [&](auto e) {
+    using C = typename decltype(e)::from;
+    if (index_of<C>(typename M::Charts{}) == leg.chart) {
+      const double h = m.guard(e, p.in(C{}), Input<M>::Zero());
+      if (h < lowest && (edge < 0 || h < -on)) {
+        lowest = h;
+        edge = index;
+      }
+    }
+    ++index;
+  });
+  return edge;
+}
+
 // Evaluates all maps of a cycle from their x. False when one of them ends otherwise than the next begins.
 template <class M, int N, class Watch>
 bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N>& cycle, Search& search) noexcept {
@@ -108,7 +137,10 @@ bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N
     EdgeMap<N>& map = cycle[j];
     evaluate_map(m, dt, longest, watch, map);
     const EdgeMap<N>& next = cycle[j + 1];
-    if (!expected_end(map.leg, map.edge, next.edge, search)) return false;
+    if (!expected_end(map.leg, map.edge, next.edge, search)) {
+      if (search.status == Status::escaped) search.behind = behind_guard(m, map.leg);
+      return false;
+    }
     const Vec<N> gap = state_difference<M>(map.leg.chart, map.leg.x1, next.x);
     worst =
         std::fmax(worst, gap.template lpNorm<Eigen::Infinity>() / (1.0 + next.x.template lpNorm<Eigen::Infinity>()));
@@ -129,7 +161,6 @@ template <class M, int N, class Watch = Unwatched>
 Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch& watch = {}) noexcept {
   constexpr int max_iterations = 40;
   constexpr double tolerance = 2e-14;  // relative to 1 + the size of a state: what rounding leaves of a cycle
-  constexpr double floor = 1e-10;      // where it may stop because rounding lets it go no further
   constexpr double fewest = 8.0;       // steps that make a cycle
   Search search;
   search.dt = dt;
@@ -138,7 +169,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
   for (search.iterations = 0; search.iterations < max_iterations; ++search.iterations) {
     if (search.residual <= tolerance) break;
     // Carry the mismatches round the cycle, close it, and distribute.
-    std::array<Vec<N>, max_cycle_events> gap;
+    std::array<Vec<N>, max_cycle_maps> gap;
     Vec<N> carried = Vec<N>::Zero();
     Mat<N, N> round = Mat<N, N>::Identity();
     for (int j = 0; j < cycle.count; ++j) {
@@ -151,7 +182,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     const Mat<N, N> defect = Mat<N, N>::Identity() - round;
     Vec<N> step = Eigen::PartialPivLU<Mat<N, N>>(defect).solve(carried);
     if (!step.allFinite()) break;  // a multiplier is 1: there is no step to take
-    std::array<Vec<N>, max_cycle_events> steps;
+    std::array<Vec<N>, max_cycle_maps> steps;
     for (int j = 0; j < cycle.count; ++j) {
       steps[static_cast<std::size_t>(j)] = step;
       step = (cycle[j].derivative() * step + gap[static_cast<std::size_t>(j)]).eval();
@@ -167,7 +198,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
       better = orbit::evaluate(m, dt, longest, watch, trial, tried) && tried.residual < search.residual;
     }
     if (!better) {
-      if (search.residual <= floor) break;
+      if (search.residual <= orbit::mismatch) break;
       const int iterations = search.iterations;
       if (tried.outcome != SearchOutcome::no_cycle) search = tried;  // what stopped the smallest step
       if (search.outcome == SearchOutcome::no_cycle) search.outcome = SearchOutcome::no_convergence;
@@ -177,7 +208,7 @@ Search shoot(const M& m, double dt, double longest, Cycle<N>& cycle, const Watch
     search = tried;
     cycle = trial;
   }
-  search.outcome = search.residual <= floor ? SearchOutcome::found : SearchOutcome::no_convergence;
+  search.outcome = search.residual <= orbit::mismatch ? SearchOutcome::found : SearchOutcome::no_convergence;
   if (search.outcome == SearchOutcome::found && !(cycle.period() > fewest * dt))
     search.outcome = SearchOutcome::collapsed;
   if (search.outcome == SearchOutcome::found) {
@@ -202,7 +233,10 @@ Search first_cycle(const M& m, const Point<M>& start, double dt, double longest,
   for (;;) {
     const Leg<N> leg = follow_leg<N>(m, p, dt, longest, false, watch);
     const int edge = leg.end == End::edge ? leg.edge : -1;
-    if (!orbit::expected_end(leg, after, edge, search)) return search;
+    if (!orbit::expected_end(leg, after, edge, search)) {
+      if (search.status == Status::escaped) search.behind = orbit::behind_guard(m, leg);
+      return search;
+    }
     if (skip <= 0 && cycle.count > 0) {
       cycle[cycle.count - 1].leg = leg;
       if (cycle[0].edge == edge && ++again == returns) {
@@ -211,7 +245,10 @@ Search first_cycle(const M& m, const Point<M>& start, double dt, double longest,
       }
     }
     if (skip <= 0) {
-      if (cycle.count == max_cycle_events) return search;
+      if (cycle.count == max_cycle_events) {
+        if (again > 0) search.outcome = SearchOutcome::too_many;
+        return search;
+      }
       EdgeMap<N>& map = cycle.map[static_cast<std::size_t>(cycle.count++)];
       map.edge = edge;
       map.chart = leg.chart;
@@ -244,9 +281,19 @@ bool is_repeated(const Cycle<N>& cycle) noexcept {
   return false;
 }
 
+namespace orbit {
+// [s] The step that goes `ticks` times from one passage of a cycle's first edge to the next.
+template <int N>
+double step_of(const Cycle<N>& cycle, std::int64_t ticks) noexcept {
+  int passages = 0;
+  for (int j = 0; j < cycle.count; ++j) passages += cycle[j].edge == cycle[0].edge ? 1 : 0;
+  return cycle.period() / passages / static_cast<double>(ticks);
+}
+}  // namespace orbit
+
 // The limit cycle that `start` leads to: runs once round and applies `shoot`; where that fails, lets 40 and then 400
-// events pass first, which finds what is stable. `ticks` steps of the integrator go into a period. `returns` > 1 looks
-// for cycles that close only after so many passages of their first edge.
+// events pass first, which finds what is stable. `returns` > 1 looks for cycles that close only after so many passages
+// of their first edge; `ticks` steps of the integrator go from one passage to the next.
 template <class M, int N>
 Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N>& cycle, int returns = 1) noexcept {
   Search best;
@@ -254,17 +301,18 @@ Search find_cycle(const M& m, const Point<M>& start, std::int64_t ticks, Cycle<N
   bool ran = true;  // `best` tells of Newton's method, not of the machine
   for (const int skip : {0, 40, 400}) {
     // Two rounds: the first one only measures the period.
-    double period = timebase_of(m, ticks).period;
-    double longest = 16.0 * period;
+    const Timebase base = timebase_of(m, ticks);
+    double dt = base.dt();
+    double longest = 16.0 * base.period;
     Search search;
     for (int round = 0; round < 2; ++round) {
-      search = first_cycle(m, start, period / static_cast<double>(ticks), longest, skip, returns, trial);
+      search = first_cycle(m, start, dt, longest, skip, returns, trial);
       if (search.outcome != SearchOutcome::found) break;
-      period = trial.period();
-      longest = 8.0 * period;
+      dt = orbit::step_of(trial, ticks);
+      longest = 8.0 * trial.period();
     }
     const bool runs = search.outcome == SearchOutcome::found;
-    if (runs) search = shoot(m, period / static_cast<double>(ticks), longest, trial);
+    if (runs) search = shoot(m, dt, longest, trial);
     const bool found = search.outcome == SearchOutcome::found;
     const bool lost = best.outcome != SearchOutcome::found;
     // Of two failures, what the machine does says more than what Newton's method does.
@@ -313,8 +361,7 @@ Search follow_cycle(const M& from, const M& to, std::int64_t ticks, Cycle<N>& cy
         trial[j].x += ahead * state_difference<M>(cycle[j].chart, cycle[j].x, before[j].x);
       }
     }
-    const double period = cycle.period();
-    const Search tried = shoot(between(s), period / static_cast<double>(ticks), 8.0 * period, trial);
+    const Search tried = shoot(between(s), orbit::step_of(cycle, ticks), 8.0 * cycle.period(), trial);
     if (tried.outcome == SearchOutcome::found) {
       before = cycle;
       before_at = reached;
@@ -329,8 +376,7 @@ Search follow_cycle(const M& from, const M& to, std::int64_t ticks, Cycle<N>& cy
     }
   }
   // Once more with the steps that the new period asks for.
-  const double period = cycle.period();
-  return shoot(to, period / static_cast<double>(ticks), 8.0 * period, cycle);
+  return shoot(to, orbit::step_of(cycle, ticks), 8.0 * cycle.period(), cycle);
 }
 
 }  // namespace saltus

@@ -8,8 +8,15 @@ namespace saltus::program {
 
 namespace {
 
+constexpr std::int64_t most_ticks = 65536;  // a cycle, whose search then takes a minute at most
+
 std::unique_ptr<OrbitReport> orbit_of(const OrbitOptions& options) {
   std::unique_ptr<OrbitReport> report;
+  const std::int64_t most = most_ticks / options.returns / 32 * 32;
+  if (options.model.ticks > most) {
+    throw UsageError("--ticks " + std::to_string(options.model.ticks) + ": at most " + std::to_string(most) +
+                     (options.returns > 1 ? " with so many --returns" : "") + "; finer steps only add rounding");
+  }
   with_model(options.model, [&](const auto& m) {
     report = std::make_unique<OrbitReport>(OrbitSearch<std::remove_cvref_t<decltype(m)>>(m, options).report());
   });
@@ -31,7 +38,7 @@ void add_orbit(CLI::App& app) {
   command->footer(
       "Finds stable and unstable cycles by Newton's method; with --set it follows the cycle from the default "
       "parameters.\n"
-      "Every number comes from twice --ticks steps a cycle, its error from the comparison with --ticks.\n"
+      "Every number comes from twice --ticks steps a return, its error from the comparison with --ticks.\n"
       "Example: saltus orbit kneed_biped --set slope=0.055 --json orbit.json --picture orbit.svg");
   struct Options : OrbitOptions {
     std::string json, picture;
@@ -64,7 +71,7 @@ void add_orbit(CLI::App& app) {
   command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command
       ->add_option("--picture", o->picture,
-                   "draw phase portrait, multipliers and ranks into FILE.svg, - for standard output")
+                   "draw phase portrait, multipliers and ranks into FILE, as SVG; - for standard output")
       ->type_name("FILE");
   command->callback([o] {
     o->portrait = !o->picture.empty();

@@ -55,6 +55,8 @@ class OrbitSearch {
     r_.charts = type_names(typename M::Charts{});
     r_.edges = type_names(typename M::Edges{});
     r_.ticks = o.model.ticks;
+    r_.returns = o.returns;
+    check_ranges();
   }
 
   OrbitReport report() {
@@ -63,7 +65,11 @@ class OrbitSearch {
     halve_the_step();
     check_assumptions();
     place_sections();
-    if (r_.analysis.doubt == Doubt::none) compare_sections();
+    if (r_.analysis.doubt == Doubt::none) {
+      compare_sections();
+    } else if (r_.analysis.doubt == Doubt::undecided_rank || r_.analysis.doubt == Doubt::undecided_image) {
+      r_.multipliers = multipliers_at(r_.coarse, r_.fine, 0);  // their errors hold: for stability
+    }
     add_energy();
     if (o_.portrait) Portrait<M>(m_, r_).draw();
     add_notes();
@@ -78,6 +84,16 @@ class OrbitSearch {
   };
 
   [[noreturn]] void fail(const std::string& why) const { throw RunError(std::string(M::name) + ": " + why); }
+
+  // What has no meaning is refused by its unit: a mass, a length or gravity that is not positive.
+  void check_ranges() const {
+    visit_parameters(m_, [&](auto name, auto unit, double value) {
+      if ((unit == "kg" || unit == "m" || unit == "m/s^2") && !(value > 0.0)) {
+        throw UsageError("--set " + std::string(name) + "=" + number(value) + " [" + std::string(unit) +
+                         "]: it must be positive");
+      }
+    });
+  }
 
   Point<M> start() const {
     Point<M> p = start_of(m_);
@@ -156,7 +172,7 @@ class OrbitSearch {
       std::string again = explain(r_.search, r_.edges);
       if (const std::string known = "from the start "; again.rfind(known, 0) == 0) again.erase(0, known.size());
       fail("no limit cycle found at these parameters: followed from the default ones it is " + lost +
-           "; from the model's own start " + again +
+           (o_.start.empty() ? "; from the model's own start " : "; from the --start given ") + again +
            "; set values nearer to the default ones, or give a --start near the cycle");
     }
     r_.notes.push_back("this is another cycle than that of the default parameters, which is " + lost);
@@ -174,12 +190,21 @@ class OrbitSearch {
     r_.analysis = analyse(r_.coarse, r_.fine);
   }
 
+  void doubt(Doubt d, int at) {
+    if (r_.analysis.doubt != Doubt::none) return;
+    r_.analysis.doubt = d;
+    r_.analysis.at = at;
+  }
+
   void check_assumptions() {
     const WideCycle& cycle = r_.fine;
     r_.periodicity = repeat(m_, r_.search.dt / 2.0, cycle);
+    if (!r_.periodicity.holds()) doubt(Doubt::not_periodic, 0);
     r_.reset_reach = 1e-3;
     for (int j = 0; j < cycle.count; ++j) {
       r_.resets.push_back(sample_reset(m_, cycle[j], r_.reset_reach));
+      const int rank = r_.analysis.edge[static_cast<std::size_t>(j)].reset.value;
+      if (rank >= 0 && !r_.resets.back().constant(rank)) doubt(Doubt::rank_changes, j);
     }
   }
 
@@ -260,13 +285,18 @@ class OrbitSearch {
 
   void note_spectrum(const WideMultipliers& s) {
     if (s.status != Status::ok) return;
+    ++r_.compared;
     r_.spread = std::fmax(r_.spread, spectral_distance(r_.multipliers, s));
     r_.allowed = std::fmax(r_.allowed, allowed_distance(r_.multipliers, s));
   }
 
   // The non-zero multipliers at the sections asked for, at every guard, and on a section in the middle of every leg.
   void compare_sections() {
-    const auto spectrum = [&](int map) { return multipliers_at(cut_->coarse, cut_->fine, map); };
+    const auto spectrum = [&](int map) {
+      // Up to the next guard it is one chart, and its flow a diffeomorphism: the rank is the one there (Remark 4).
+      const int rank = r_.analysis.guard[static_cast<std::size_t>(map % r_.fine.count)].rank.value;
+      return multipliers_at(cut_->coarse, cut_->fine, map, {rank, rank});
+    };
     if (r_.sections_met == 0) {
       for (int i = 0; i < o_.count; ++i) {
         const int map = cut(section(i), cut_->coarse, cut_->fine);

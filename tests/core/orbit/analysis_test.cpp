@@ -14,8 +14,7 @@ using namespace saltus;
 using worlds::Strobe;
 
 namespace saltus {
-extern template ConditionedMultipliers<4> conditioned_multipliers<4>(const Mat<4, 4>&, int, double,
-                                                                     const Mat<4, 4>&) noexcept;
+extern template ConditionedMultipliers<4> conditioned_multipliers<4>(const Measured<4>&, int, Rank<4>) noexcept;
 }
 
 namespace {
@@ -151,7 +150,29 @@ TEST_CASE("analysis: what cannot be trusted is a doubt, not a number") {
     Pair q = *p;
     q.coarse[0].reset(0, 0) += 0.4;  // the error is as large as the number
     CHECK(q.analysis().doubt == Doubt::undecided_rank);
+    CHECK(q.analysis().finer);  // smaller steps would help
   }
+  {
+    Pair q = *p;  // the flow leaves the image of the guard at an angle that is as large as its error
+    q.fine[0].leg.f0 = q.fine[0].leg.f1 = Vec<4>(1.0, 1e-5, 0.0, 0.0);
+    q.coarse[0].leg.f0 = q.coarse[0].leg.f1 = Vec<4>(1.0, 2e-5, 0.0, 0.0);
+    CHECK(q.analysis().doubt == Doubt::undecided_image);
+  }
+}
+
+TEST_CASE("analysis: rounding in a long cycle is that of its maps, not the product of their magnitudes") {
+  // x -> -x/2 twelve times: the multiplier is 2^-12, known about as well as one passage's.
+  const Strobe<> m;
+  auto p = std::make_unique<Pair>();
+  const Search s = find_cycle(m, start_of(m), ticks, p->coarse, 12);
+  REQUIRE(s.outcome == SearchOutcome::found);
+  p->fine = p->coarse;
+  REQUIRE(shoot(m, s.dt / 2.0, 8.0 * p->coarse.period(), p->fine).outcome == SearchOutcome::found);
+  const auto a = p->analysis();
+  REQUIRE(a.doubt == Doubt::none);
+  CHECK(a.guard[0].rank.value == 1);
+  CHECK(std::abs(a.guard[0].spectrum.value[0] - std::pow(0.5, 12)) <= a.guard[0].spectrum.error[0]);
+  CHECK(a.guard[0].spectrum.error[0] < 1e-12);
 }
 
 TEST_CASE("analysis: where a multiplier is 1 the cycle is not isolated, and its numbers are not determined") {

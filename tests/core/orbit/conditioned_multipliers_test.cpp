@@ -8,7 +8,7 @@
 using namespace saltus;
 
 namespace saltus {
-template ConditionedMultipliers<4> conditioned_multipliers<4>(const Mat<4, 4>&, int, double, const Mat<4, 4>&) noexcept;
+template ConditionedMultipliers<4> conditioned_multipliers<4>(const Measured<4>&, int, Rank<4>) noexcept;
 }
 
 namespace {
@@ -117,6 +117,35 @@ TEST_CASE("undecided ranks and non-finite matrices have no multipliers") {
   M4 bad = M4::Identity();
   bad(2, 1) = std::nan("");
   CHECK(conditioned_multipliers<4>(bad, 4, 1e-9, exact).status == Status::failed);
+}
+
+TEST_CASE("a multiplier below its error is zero within that, and the others are told all the same") {
+  // Of rank 3, by a theorem; its smallest multiplier drowns, and says nothing of the largest.
+  const M4 a = M4(Vec<4>(-200.0, 0.25, 1e-9, 0.0).asDiagonal());
+  const M4 error = M4(Vec<4>(1e-8, 1e-8, 1e-8, 0.0).asDiagonal());
+  const Measured<4> m{a, a, 1e-7, 1e-13, error};
+  const auto told = conditioned_multipliers<4>(m, 4, rank_of<4>(m, {3, 3}));
+  REQUIRE(told.status == Status::ok);
+  CHECK(told.nonzero == 2);
+  CHECK(told.untold == 1);
+  CHECK(distance(told.value[0], -200.0) < 1e-10);
+  CHECK(told.error[0] < 1e-7);
+  CHECK(told.value[2] == 0.0);
+  CHECK(told.error[2] > 1e-9);  // it holds the truth
+  CHECK(told.error[2] < 1e-6);
+
+  // Where the rank is undecided the numbers are there with their errors, for whoever needs no rank.
+  const auto undecided = conditioned_multipliers<4>(m, 4, rank_of<4>(m, {0, 3}));
+  CHECK(undecided.status == Status::failed);
+  CHECK(undecided.nonzero == 2);
+  CHECK(distance(undecided.value[0], -200.0) <= undecided.error[0] + 1e-10);
+
+  // Known better elsewhere, it is the partner of the zero that it was here.
+  const Measured<4> finer{a, a, 1e-11, 1e-13, 1e-5 * error};
+  const auto better = conditioned_multipliers<4>(finer, 4, rank_of<4>(finer, {3, 3}));
+  CHECK(better.nonzero == 3);
+  CHECK(std::abs(spectral_distance(told, better) - 1e-9) < 1e-12);
+  CHECK(spectral_distance(told, better) <= allowed_distance(told, better));
 }
 
 TEST_CASE("spectra are compared as sets, and only when equally many") {

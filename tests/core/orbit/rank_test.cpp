@@ -91,6 +91,41 @@ TEST_CASE("a singular value near the tolerance leaves the rank undecided: a stat
   CHECK(rank_of<4>(M4(M4::Zero()), 0.0).value == 0);  // exactly zero, known exactly
 }
 
+TEST_CASE("a singular value within its error is zero where rounding explains it, or where it shrinks with the step") {
+  const auto measured = [](double coarse, double fine, double rounding) {
+    M4 a = M4::Zero();
+    M4 b = M4::Zero();
+    a(0, 0) = b(0, 0) = 1.0;
+    a(1, 2) = coarse;
+    b(1, 2) = fine;
+    return Measured<4>{b, a, 1e-4, rounding, M4::Zero()};
+  };
+  const Bounds any{0, 4};
+  CHECK(rank_of<4>(measured(1.6e-6, 1e-7, 1e-12), any).value == 1);  // fourth order
+  CHECK(rank_of<4>(measured(1e-13, 1e-13, 1e-12), any).value == 1);  // rounding
+  const Rank<4> stands = rank_of<4>(measured(1.001e-7, 1e-7, 1e-12), any);
+  CHECK_FALSE(stands.known());  // the same with both steps: it looks like a number
+  CHECK(stands.counted == 1);
+  CHECK(rank_of<4>(measured(1e-7, 1e-6, 1e-12), any).status == Status::failed);
+}
+
+TEST_CASE("where a theorem leaves one rank it is that one, and numbers can only contradict it from above") {
+  M4 matrix = M4::Zero();
+  matrix(0, 0) = 1.0;
+  matrix(1, 1) = 1e-9;  // too small to count
+  const Measured<4> m{matrix, matrix, 1e-8, 1e-14, M4::Zero()};
+  const Rank<4> proved = rank_of<4>(m, {2, 2});
+  CHECK(proved.value == 2);
+  CHECK(proved.counted == 1);
+  CHECK(std::abs(proved.margin - 1e8) < 1.0);
+  CHECK(rank_of<4>(m, {0, 1}).value == 1);  // beyond the upper bound all are zero
+  CHECK_FALSE(rank_of<4>(m, {0, 2}).known());
+  CHECK_FALSE(rank_of<4>(m, {0, 0}).known());  // one counts where none may
+  // All below the lower bound look like zeros, and one is not: then none of them can be told.
+  matrix(1, 1) = 0.0;
+  CHECK_FALSE(rank_of<4>({matrix, matrix, 1e-8, 1e-14, M4::Zero()}, {2, 3}).known());
+}
+
 TEST_CASE("Sylvester's bounds hold for any chain, and are attained") {
   std::mt19937_64 random(5);
   std::uniform_int_distribution<int> any(0, 4);

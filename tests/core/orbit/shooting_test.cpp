@@ -58,6 +58,7 @@ TEST_CASE("cycles that close after several passages are found too, and a shorter
   CHECK(std::abs(std::min(cycle[0].x[0], cycle[1].x[0]) - x2) < 1e-12);
   CHECK(std::abs(return_map(cycle, 0)(0, 0) - (4.0 + 2.0 * 3.2 - 3.2 * 3.2)) < 1e-11);
   CHECK_FALSE(is_repeated<Strobe<>>(cycle));
+  CHECK(std::abs(s.dt - 1.0 / ticks) < 1e-12);  // steps are counted from passage to passage, not over both
 
   m.a = 2.5;  // there is none: the fixed point, twice
   REQUIRE(find_cycle(m, from(0.55), ticks, cycle, 2).outcome == SearchOutcome::found);
@@ -91,9 +92,24 @@ TEST_CASE("every way to find no cycle has its name") {
   const Search none = find_cycle(m, from(0.5), ticks, cycle);
   CHECK(none.outcome != SearchOutcome::found);
   CHECK(none.outcome != SearchOutcome::fell);
+  m = Strobe<>{};
+  CHECK(find_cycle(m, start_of(m), ticks, cycle, max_cycle_events + 1).outcome == SearchOutcome::too_many);
   worlds::Ball<> ball;  // bounces accumulate at rest
   Cycle<2> rest;
   CHECK(find_cycle(ball, start_of(ball), ticks, rest).outcome != SearchOutcome::found);
+}
+
+TEST_CASE("the longest cycle has room for a section") {
+  const Strobe<> m;
+  Cycle<2> cycle;
+  const Search s = find_cycle(m, start_of(m), ticks, cycle, max_cycle_events);
+  REQUIRE(s.outcome == SearchOutcome::found);
+  REQUIRE(cycle.count == max_cycle_events);
+  REQUIRE(cut_leg(m, s.dt, cycle, 5, 0.4));
+  CHECK(cycle.count == max_cycle_events + 1);
+  CHECK(cycle[6].edge == -1);
+  CHECK(std::abs(cycle.period() - max_cycle_events) < 1e-11);
+  CHECK_FALSE(cut_leg(m, s.dt, cycle, 8, 0.4));  // and for one only
 }
 
 TEST_CASE("a cycle of a few steps is none: it stands still, or chatters") {

@@ -13,8 +13,8 @@ using test::has_multipliers;
 
 namespace {
 
-// The bounce once a turn in closed form: the ball leaves at v = g T / 2 and comes back at -v, so that the table's speed at
-// the impact is v (1 - e) / (1 + e).
+// The bounce once a turn in closed form: the ball leaves at v = g T / 2 and comes back at -v, so that the table's speed
+// at the impact is v (1 - e) / (1 + e).
 struct Bounce {
   double phase, speed;
 };
@@ -66,6 +66,24 @@ TEST_CASE("bouncing ball: bounces once a turn, where the closed form says, with 
     CHECK(std::abs(std::abs(expected[0] * expected[1]) - p.e * p.e) < 1e-12);  // areas shrink by e^2
     CHECK(c->analysis.guard[0].rank.value == 2);
     CHECK(c->analysis.guard[0].bounds == Bounds{2, 2});
+  }
+}
+
+TEST_CASE("bouncing ball: where the single bounce is unstable it bounces twice in two turns") {
+  BouncingBall<> p;
+  p.A = 0.28;
+  CHECK(std::abs(multipliers_in_closed_form(p)[1]) > 1.0);
+  const auto c = cycle_of(p, start_of(p), 512, 2);
+  test::obeys_cycle_laws(p, *c);
+  REQUIRE(c->fine.count == 2);
+  CHECK(std::abs(c->fine.period() - 2.0) < 1e-11);
+  CHECK_FALSE(is_repeated<BouncingBall<>>(c->fine));
+  for (const auto& g : {c->analysis.guard[0], c->analysis.guard[1]}) {
+    REQUIRE(g.spectrum.nonzero == 2);
+    CHECK(g.rank.value == 2);
+    CHECK(g.spectrum.value[0].imag() > 0.1);  // a pair, so that both moduli are the root of what areas shrink by, e^4
+    for (const Complex& z : {g.spectrum.value[0], g.spectrum.value[1]})
+      CHECK(std::abs(std::abs(z) - p.e * p.e) < 1e-10);
   }
 }
 

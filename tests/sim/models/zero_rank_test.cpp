@@ -66,6 +66,16 @@ TEST_CASE("zero rank: DP_1 = 0, but DP_2 has rank 1 and is nilpotent, where the 
   CHECK(c->analysis.edge[1].reset.value == 1);
 }
 
+TEST_CASE("zero rank: a zero that is known to within 1e-3 only is no zero") {
+  const auto c = cycle_of(ZeroRank<>{});
+  c->coarse[0].leg.Phi(0, 1) += 0.05;  // DP_1 is then off by 0.05 e^-pi with the larger step
+  const auto a = analyse(c->coarse, c->fine);
+  CHECK(a.guard[0].rank.value == 0);
+  CHECK(a.guard[0].spectrum.error[0] > 1e-3);
+  CHECK(a.doubt == Doubt::undecided_rank);
+  CHECK(a.finer);
+}
+
 TEST_CASE("zero rank: a perturbation is gone after the second passage, as the matrices say") {
   const ZeroRank<> m;
   // From just after E2 at x = dx beside the cycle: the first return remembers it in z, the second does not.

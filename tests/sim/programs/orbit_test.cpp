@@ -202,6 +202,81 @@ TEST_CASE("orbit: a --start finds the other gait, which is unstable, and --retur
   CHECK(twice.at("notes").dump().find("--returns is too large") != std::string::npos);
 }
 
+TEST_CASE("orbit: of a cycle run through several times the multipliers are powers, and the ranks are the same") {
+  const Folder folder;
+  struct Case {
+    std::vector<std::string> arguments;
+    double modulus;  // the largest, of one return
+    int returns, rank;
+  };
+  for (const Case& c :
+       {Case{{"simplest_walker"}, 0.589113185463, 8, 2}, Case{{"kneed_biped"}, 0.777582981, 6, 3},
+        Case{{"hopper"}, 0.742333953, 5, 2}, Case{{"hopper"}, 0.742333953, 6, 2}, Case{{"bouncing_ball"}, 0.8, 12, 2},
+        Case{{"simplest_walker", "--set", "slope=0.0152"}, 1.024126404, 8, 2}}) {
+    auto arguments = c.arguments;
+    arguments.insert(arguments.end(), {"--count", "4", "--returns", std::to_string(c.returns)});
+    const json j = orbit(folder, arguments);
+    INFO(j.at("model") << " " << c.returns);
+    const json& largest = j.at("multipliers")[0];
+    const double got = std::abs(Complex(largest.at("re"), largest.at("im")));
+    CHECK(std::abs(got - std::pow(c.modulus, c.returns)) < 1e-6);
+    CHECK(largest.at("error").get<double>() < 1e-6);
+    CHECK(j.at("stable") == (c.modulus < 1.0));
+    CHECK(j.at("superstable") == false);
+    for (const json& chart : j.at("charts")) CHECK(chart.at("rank") == c.rank);
+    // Sections in the middle of the legs are compared too, though the cycle may have as many events as there is room
+    // for.
+    const int events = static_cast<int>(j.at("events").size());
+    const json& spread = j.at("spread");
+    CHECK(spread.at("compared") ==
+          2 * events + (spread.at("sections_met") > 1 ? spread.at("sections_met").get<int>() : 0));
+  }
+}
+
+TEST_CASE("orbit: where numbers cannot tell a rank a theorem does, or it is not told; stability may be all the same") {
+  const Folder folder;
+  // Three multipliers over eight decades: the last singular value is no more than rounding, the rank is the theorem's.
+  for (const auto& [slope, largest] : {std::pair{"slope=0.09", -216.3468523}, {"slope=0.086", 74.8207037}}) {
+    const json j = orbit(folder, {"compass_gait", "--set", slope, "--returns", "4"});
+    CHECK(std::abs(j.at("multipliers")[0].at("re").get<double>() - largest) < 1e-5);
+    CHECK(j.at("stable") == false);
+    CHECK(j.at("charts").at("Swing").at("rank") == 3);
+    CHECK(j.at("charts").at("Swing").at("rank_bounds") == json({3, 3}));
+    CHECK(j.at("charts").at("Swing").at("nonzero") == 3);
+  }
+  const auto proved = folder.run({"orbit", "compass_gait", "--set", "slope=0.09", "--returns", "4"});
+  CHECK(holds(proved.out, {"unstable (largest modulus 216.34", "3 (>= 2)", "numerically the rank is at least n"}));
+  for (const std::string set : {"m=0.1", "m=0.01", "b=50"}) {
+    const json j = orbit(folder, {"hopper", "--set", set, "--ticks", "2048", "--count", "4"});
+    CHECK(j.at("charts").at("Flight").at("rank") == 2);
+    CHECK(j.at("charts").at("Stance").at("rank") == 2);
+    CHECK(j.at("stable") == true);
+  }
+  // Rank 3 and an unstable multiplier: at these steps the one is not told, the other is.
+  const std::vector<std::string> steep{"orbit", "kneed_biped", "--set", "slope=0.15", "--returns", "4", "--json", "-"};
+  const auto vague = folder.run(steep);
+  CHECK(vague.status == 1);
+  CHECK(holds(vague.err, {"too near its error", "try --ticks 2048"}));
+  CHECK(json::parse(vague.out).at("stable") == false);
+  CHECK(json::parse(vague.out).at("multipliers").is_null());
+  const json clear = orbit(folder, {"kneed_biped", "--set", "slope=0.15", "--returns", "4", "--ticks", "1024"});
+  CHECK(clear.at("charts").at("Locked").at("rank") == 3);
+  CHECK(std::abs(clear.at("multipliers")[0].at("re").get<double>() - 21.91772479) < 1e-6);
+  // An image that the flow crosses, as smaller steps show.
+  const std::vector<std::string> light{"orbit", "compass_gait", "--set", "leg_mass=0.001", "--ticks", "32"};
+  const auto coarse = folder.run(light);
+  CHECK(coarse.status == 1);
+  CHECK(holds(coarse.err, {"whether the flow crosses the image of Impact cannot be told", "try --ticks 128"}));
+  CHECK(holds(coarse.out, {"stable (largest modulus 0.5644"}));
+  const json fine = orbit(folder, {"compass_gait", "--set", "leg_mass=0.001", "--ticks", "512"});
+  CHECK(fine.at("edges")[0].at("image_transverse") == true);
+  CHECK(fine.at("edges")[0].at("image_tolerance").get<double>() < 1e-5);
+  CHECK(fine.at("edges")[0].at("constant_rank_margin").get<double>() > 1e6);
+  CHECK(fine.at("charts").at("Swing").at("rank") == 3);
+  // Multipliers on the unit circle.
+  CHECK(orbit(folder, {"bouncing_ball", "--set", "e=1"}).at("stable").is_null());
+}
+
 TEST_CASE("orbit: twice as many steps change nothing but the errors") {
   const Folder folder;
   const json a = orbit(folder, {"kneed_biped", "--ticks", "64"});
@@ -261,6 +336,11 @@ TEST_CASE("orbit: questions without an answer are refused, saying what may be as
       {{"hopper", "--sections", "kinematic", "--kinematic", "1.9,0,inf,1.9"}, {"finite"}},
       {{"compass_gait", "--start", "0.1,0.2"}, {"starts in Swing", "4 coordinates; 2 are given"}},
       {{"compass_gait", "--start", "nan,0,0,0"}, {"--start: give finite numbers"}},
+      {{"compass_gait", "--set", "hip_mass=-1"}, {"--set hip_mass=-1", "[kg]", "must be positive"}},
+      {{"kneed_biped", "--set", "leg_length=0"}, {"--set leg_length=0", "[m]", "must be positive"}},
+      {{"bouncing_ball", "--set", "g=-9.81"}, {"--set g=-9.81", "must be positive"}},
+      {{"kneed_biped", "--ticks", "1048576"}, {"--ticks 1048576", "at most 65536"}},
+      {{"kneed_biped", "--ticks", "16384", "--returns", "5"}, {"at most 13088 with so many --returns"}},
       {{"hopper", "--picture", "-"}, {"goes to standard output already"}}};
   for (auto [arguments, words] : cases) {
     arguments.insert(arguments.begin(), "orbit");
@@ -280,6 +360,13 @@ TEST_CASE("orbit: no cycle, or one whose numbers mean nothing, is a message and 
       {{"simplest_walker", "--set", "slope=-0.001"}, {"no limit cycle found", "lost after", "fold", "it falls"}},
       {{"bouncing_ball", "--set", "A=0.05"}, {"lost after 40.7 %", "ends in a fold", "give a --start"}},
       {{"hopper", "--set", "k=0"}, {"no limit cycle found", "leaves its chart without an event"}},
+      {{"kneed_biped", "--set", "slope=0.02"},
+       {"from the model's own start after KneeStrike", "the guard of FootStrike is passed already",
+        "the gait changes its order of events"}},
+      {{"kneed_biped", "--set", "slope=0.02", "--start", "-0.2,0.2,0.2,1.2,0.3,3"}, {"from the --start given"}},
+      {{"bouncing_ball", "--set", "e=0.5"}, {"stays on the guard of Impact", "events accumulate (chattering)"}},
+      {{"bouncing_ball", "--set", "e=0"}, {"events accumulate (chattering)"}},
+      {{"kneed_biped", "--returns", "7"}, {"more than 12 events"}},
       {{"hopper", "--sections", "kinematic", "--kinematic", "1.9,50,0.3,1.9"}, {"section 0 is not met"}}};
   for (auto [arguments, words] : cases) {
     arguments.insert(arguments.begin(), "orbit");
