@@ -75,7 +75,7 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
     // Each has predicted, part by part, what it was not fitted to. The last part may lie outside of what was fitted.
     const double ratio = d.heldout.after / d.heldout.refit;
     const bool predicted = any && d.self_paced.runs.front().data == "held out";
-    const bool improves = w.test.empty() || predicted || ratio < 0.97;
+    // No output clearly better, and one clearly worse: whatever the sum over all says, it does not predict.
     bool worse = !d.self_paced.runs.empty() && d.self_paced.runs.front().data == "held out" && !any;
     if (worse) {
       const FreeRun& r = d.self_paced.runs.front();
@@ -83,6 +83,7 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
       for (std::size_t j = 0; j < r.after.size(); ++j) most = std::max(most, r.after[j] / r.refit[j]);
       worse = most > 1.1;
     }
+    const bool improves = w.test.empty() || predicted || (ratio < 0.97 && !worse);
     d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
     if (!improves)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +
