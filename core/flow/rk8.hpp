@@ -50,9 +50,10 @@ struct Rk8 {
     std::array<Vec<N, S>, stages> d;  // k_j - f0, the first place being f0's own
     d[0] = f0;
     const auto fill = [&]<std::size_t... I>(std::index_sequence<I...>) {
-      ((f1 = f(combined<I, N, S>(x, d, h)), d[I + 1] = f1 - f0), ...);
+      ((d[I + 1] = f(combined<I, N, S>(x, d, h)) - f0), ...);
     };
     fill(std::make_index_sequence<stages - 1>{});
+    f1 = f0 + d[stages - 1];
     return combined<stages - 1, N, S>(x, d, h);
   }
   template <int N, class S, class F, class H>
