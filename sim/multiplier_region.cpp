@@ -1,7 +1,7 @@
 #include "multiplier_region.hpp"
 
+#include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
@@ -9,18 +9,22 @@
 
 #include "core/random.hpp"
 #include "core/spectrum/fit.hpp"
+#include "significance.hpp"
 #include "singular_values.hpp"
 
 namespace saltus {
 namespace {
 
+using Eigen::MatrixXcd;
 using Eigen::MatrixXd;
 using Eigen::VectorXcd;
 using Eigen::VectorXd;
 using Index = Eigen::Index;
 
-// One H_m of one output; real parts above imaginary ones.
+// Responses that share their taps: H_0 of one output, whose taps are real; or, one below the other, H_m and the
+// conjugate of H_-m, which a real system has at the mirrored frequency, -omega: there the taps are complex.
 struct Series {
+  bool pair = false;
   VectorXcd value;
   VectorXd weight;  // 1 / sigma
 };
@@ -29,21 +33,15 @@ struct Problem {
   Index lines = 0;
   int sections = 0, count = 0;
   std::vector<VectorXcd> power;  // z^-(N k), k = 0 ... count
-  MatrixXd taps;                 // orthonormal columns, (2 lines x independent taps)
+  MatrixXd taps;                 // orthonormal columns, (2 lines x independent taps), real parts above imaginary ones
   std::vector<Series> series;
 };
 
-VectorXd stacked(const VectorXcd& x) {
-  VectorXd r(2 * x.size());
-  r << x.real(), x.imag();
-  return r;
-}
-
-VectorXcd unstacked(const VectorXd& x) {
-  const Index n = x.size() / 2;
-  VectorXcd r(n);
-  r.real() = x.head(n);
-  r.imag() = x.tail(n);
+// What holds at the lines, with what then holds at the mirrored ones.
+VectorXcd mirrored(const VectorXcd& x, bool pair) {
+  if (!pair) return x;
+  VectorXcd r(2 * x.size());
+  r << x, x.conjugate();
   return r;
 }
 
@@ -53,25 +51,72 @@ VectorXcd denominator(const Problem& p, const VectorXd& a) {
   return d;
 }
 
-// Taps weighted by w / A, projected out of columns: x - Q Q^T x.
+// Taps weighted by w / A, projected out of columns: x - X (X^H X)^-1 X^H x. The taps are orthonormal before weighting,
+// so that the normal equations lose no more than the weights' range, and what they lose a second pass gives back.
 class Projection {
  public:
-  Projection(const Problem& p, const VectorXcd& factor) : columns_(p.taps.cols()) {
-    MatrixXd m(2 * p.lines, columns_);
-    for (Index j = 0; j < columns_; ++j) m.col(j) = stacked(unstacked(p.taps.col(j)).cwiseProduct(factor));
-    qr_.compute(m);
-  }
-  VectorXd operator()(const VectorXd& x) const {
-    VectorXd y = x;
-    y.applyOnTheLeft(qr_.householderQ().setLength(columns_).adjoint());
-    y.head(columns_).setZero();
-    y.applyOnTheLeft(qr_.householderQ().setLength(columns_));
-    return y;
+  Projection(const Problem& p, const Series& s, const VectorXcd& d)
+      : p_(&p), pair_(s.pair), factor_(s.weight.cast<Complex>().cwiseQuotient(mirrored(d, s.pair))) {
+    const Index n = p.lines;
+    const VectorXd square = factor_.cwiseAbs2();
+    VectorXd sum = square.head(n), difference = VectorXd::Zero(n);
+    if (pair_) {
+      sum += square.tail(n);
+      difference = square.head(n) - square.tail(n);
+    }
+    MatrixXd weighted(2 * n, p.taps.cols());
+    weighted.topRows(n) = sum.cwiseSqrt().asDiagonal() * p.taps.topRows(n);
+    weighted.bottomRows(n) = sum.cwiseSqrt().asDiagonal() * p.taps.bottomRows(n);
+    MatrixXd even = MatrixXd::Zero(p.taps.cols(), p.taps.cols());
+    even.selfadjointView<Eigen::Lower>().rankUpdate(weighted.transpose());
+    even.triangularView<Eigen::StrictlyUpper>() = even.transpose();
+    if (!pair_) {
+      real_.compute(even);
+      return;
+    }
+    const MatrixXd odd = p.taps.topRows(n).transpose() * difference.asDiagonal() * p.taps.bottomRows(n);
+    MatrixXcd gram(even.rows(), even.cols());
+    gram.real() = even;
+    gram.imag() = odd - odd.transpose();
+    complex_.compute(gram);
   }
 
+  VectorXcd operator()(const VectorXcd& x) const { return once(once(x)); }
+
  private:
-  Index columns_;
-  Eigen::HouseholderQR<MatrixXd> qr_;
+  VectorXcd once(const VectorXcd& x) const {
+    const Index n = p_->lines;
+    const auto cosine = p_->taps.topRows(n), sine = p_->taps.bottomRows(n);
+    const VectorXcd y = factor_.conjugate().cwiseProduct(x);
+    if (!pair_) {
+      const VectorXd c =
+          real_.solve(VectorXd(cosine.transpose() * VectorXd(y.real()) + sine.transpose() * VectorXd(y.imag())));
+      VectorXcd fitted(n);
+      fitted.real() = cosine * c;
+      fitted.imag() = sine * c;
+      return x - factor_.cwiseProduct(fitted);
+    }
+    // The columns are w at the lines and their conjugates at the mirrored ones, w = cosine + i sine.
+    const VectorXcd even = y.head(n) + y.tail(n), odd = Complex{0.0, -1.0} * (y.head(n) - y.tail(n));
+    VectorXcd rhs(p_->taps.cols());
+    rhs.real() = cosine.transpose() * VectorXd(even.real()) + sine.transpose() * VectorXd(odd.real());
+    rhs.imag() = cosine.transpose() * VectorXd(even.imag()) + sine.transpose() * VectorXd(odd.imag());
+    const VectorXcd c = complex_.solve(rhs);
+    const VectorXd re = c.real(), im = c.imag();
+    VectorXcd a(n), b(n), fitted(2 * n);
+    a.real() = cosine * re;
+    a.imag() = cosine * im;
+    b.real() = sine * re;
+    b.imag() = sine * im;
+    fitted << a + Complex{0.0, 1.0} * b, a - Complex{0.0, 1.0} * b;
+    return x - factor_.cwiseProduct(fitted);
+  }
+
+  const Problem* p_;
+  bool pair_;
+  VectorXcd factor_;
+  Eigen::LLT<MatrixXd> real_;
+  Eigen::LLT<MatrixXcd> complex_;
 };
 
 // Normal equations of one linear problem around a; Gauss-Newton, or Sanathanan & Koerner's where `modelled` is false.
@@ -85,18 +130,17 @@ Normal normal_equations(const Problem& p, const VectorXd& a, bool modelled) {
   Normal n{MatrixXd::Zero(p.count, p.count), VectorXd::Zero(p.count), 0.0};
   const VectorXcd d = denominator(p, a);
   for (const Series& s : p.series) {
-    const VectorXcd factor = s.weight.cast<Complex>().cwiseQuotient(d);
-    const Projection complement(p, factor);
-    const VectorXd y = stacked(s.weight.cast<Complex>().cwiseProduct(s.value));
-    const VectorXd residual = complement(y);
+    const Projection complement(p, s, d);
+    const VectorXcd y = s.weight.cast<Complex>().cwiseProduct(s.value);
+    const VectorXcd residual = complement(y);
     n.cost += residual.squaredNorm();
-    const VectorXcd fitted = unstacked(modelled ? VectorXd(y - residual) : y).cwiseQuotient(d);
-    MatrixXd slope(2 * p.lines, p.count);
+    const VectorXcd fitted = (modelled ? VectorXcd(y - residual) : y).cwiseQuotient(mirrored(d, s.pair));
+    MatrixXcd slope(residual.size(), p.count);
     for (Index k = 0; k < p.count; ++k) {
-      slope.col(k) = complement(stacked(fitted.cwiseProduct(p.power[static_cast<std::size_t>(k) + 1])));
+      slope.col(k) = complement(fitted.cwiseProduct(mirrored(p.power[static_cast<std::size_t>(k) + 1], s.pair)));
     }
-    n.matrix += slope.transpose() * slope;
-    n.rhs -= slope.transpose() * residual;
+    n.matrix += (slope.adjoint() * slope).real();
+    n.rhs -= (slope.adjoint() * residual).real();
   }
   return n;
 }
@@ -191,6 +235,27 @@ bool MultiplierRegion::holds_by_bootstrap(std::size_t i, Complex z, double level
   return inside(c, multipliers[i], z, level);
 }
 
+namespace {
+// The (m, output), m >= 0, that say something of the poles: H_0, and pairs of which either stands above the noise.
+// Noise that is fitted as if it were a response would promise more than it tells.
+std::vector<std::pair<int, int>> responses(const Identification& id, int outputs, const RegionOptions& o) {
+  std::vector<std::pair<int, int>> r;
+  const auto tests = test_harmonics(id);
+  int most = o.harmonics;
+  if (most < 0) {
+    for (const HtfEstimate& h : id.htf) most = std::max(most, h.m);
+  }
+  for (int m = 0; m <= most; ++m) {
+    for (int c = 0; c < outputs; ++c) {
+      bool there = m == 0 || tests.empty();
+      for (const HarmonicTest& t : tests) there = there || (std::abs(t.m) == m && t.output == c && t.significant);
+      if (there) r.emplace_back(m, c);
+    }
+  }
+  return r;
+}
+}  // namespace
+
 MultiplierRegion multiplier_region(const Identification& id, int outputs, const RegionOptions& o) {
   MultiplierRegion region;
   if (o.count < 1 || o.count > 4) return region;
@@ -202,24 +267,26 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   p.lines = static_cast<Index>(first.size());
   const Index taps = (o.count + 1) * id.sections;
   if (2 * p.lines < taps + 4 * o.count) return region;
-  for (int m = -o.harmonics; m <= o.harmonics; ++m) {
-    for (int c = 0; c < outputs; ++c) {
-      const auto list = id.select(m, c);
-      if (static_cast<Index>(list.size()) != p.lines) continue;
-      Series s{VectorXcd(p.lines), VectorXd(p.lines)};
-      for (Index q = 0; q < p.lines; ++q) {
+  for (const auto& [m, c] : responses(id, outputs, o)) {
+    Series s{m > 0, VectorXcd(m > 0 ? 2 * p.lines : p.lines), VectorXd(m > 0 ? 2 * p.lines : p.lines)};
+    bool complete = true;
+    for (const int order : m > 0 ? std::vector<int>{m, -m} : std::vector<int>{0}) {
+      const auto list = id.select(order, c);
+      complete = complete && static_cast<Index>(list.size()) == p.lines;
+      for (Index q = 0; complete && q < p.lines; ++q) {
         const HtfEstimate& h = list[static_cast<std::size_t>(q)];
-        s.value[q] = h.value;
+        const Index row = order < 0 ? p.lines + q : q;
+        s.value[row] = order < 0 ? std::conj(h.value) : h.value;
         known = known && std::isfinite(h.sigma) && h.sigma > 0.0;
-        s.weight[q] = std::isfinite(h.sigma) && h.sigma > 0.0 ? 1.0 / h.sigma : 1.0;
+        s.weight[row] = std::isfinite(h.sigma) && h.sigma > 0.0 ? 1.0 / h.sigma : 1.0;
       }
-      p.series.push_back(s);
     }
+    if (complete) p.series.push_back(s);
   }
   if (p.series.empty()) return region;
   if (!known) {  // each series by its own size
     for (Series& s : p.series) {
-      const double size = std::sqrt(s.value.squaredNorm() / static_cast<double>(p.lines));
+      const double size = std::sqrt(s.value.squaredNorm() / static_cast<double>(s.value.size()));
       s.weight.setConstant(size > 0.0 ? 1.0 / size : 0.0);
     }
   }
@@ -245,7 +312,7 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   }
   const Solution s = solve(p, VectorXd::Zero(o.count), 20);
   if (!s.ok) return region;
-  region.series = static_cast<int>(p.series.size());
+  for (const Series& one : p.series) region.series += one.pair ? 2 : 1;
   region.multipliers = roots_of(s.a);
   region.chi_square = 2.0 * s.cost;
   region.freedom = static_cast<double>(region.series) * static_cast<double>(2 * p.lines - p.taps.cols()) - o.count;
@@ -268,14 +335,14 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   std::vector<VectorXcd> fitted;
   const VectorXcd d = denominator(p, s.a);
   for (const Series& one : p.series) {
-    const Projection complement(p, one.weight.cast<Complex>().cwiseQuotient(d));
-    const VectorXd y = stacked(one.weight.cast<Complex>().cwiseProduct(one.value));
-    fitted.push_back(unstacked(y - complement(y)).cwiseQuotient(one.weight.cast<Complex>()));
+    const Projection complement(p, one, d);
+    const VectorXcd y = one.weight.cast<Complex>().cwiseProduct(one.value);
+    fitted.push_back((y - complement(y)).cwiseQuotient(one.weight.cast<Complex>()));
   }
   for (int b = 0; b < o.replicates; ++b) {
     Problem drawn = p;
     for (std::size_t i = 0; i < drawn.series.size(); ++i) {
-      for (Index q = 0; q < p.lines; ++q) {
+      for (Index q = 0; q < fitted[i].size(); ++q) {
         const double re = random.normal(), im = random.normal();
         drawn.series[i].value[q] = fitted[i][q] + std::sqrt(0.5 * scale) / p.series[i].weight[q] * Complex{re, im};
       }

@@ -24,15 +24,16 @@ struct MultiplierRegion {
 
 struct RegionOptions {
   int count = 2;       // non-zero multipliers
-  int harmonics = 1;   // H_-harmonics ... H_harmonics share the poles, of every output
+  int harmonics = -1;  // H_-harmonics ... H_harmonics at most, of every output, share the poles; -1: all that there are
   int replicates = 0;  // of the bootstrap
   std::uint64_t seed = 1;
 };
 
 // All H_m of all outputs of a periodic system of period N are B_m(z) / A(z^N) with one A of degree `count`, whose roots
-// are the multipliers, and B of (count + 1) N taps (see ImagePoleFit). The taps are projected out (variable projection,
-// Golub & Pereyra 1973, in Kaufman's form), which leaves `count` unknowns for all series together. Fails when there are
-// too few lines.
+// are the multipliers, and B of (count + 1) N taps (see ImagePoleFit): real ones for H_0, complex ones for the others,
+// which H_m shares with H_-m, for H_-m(-omega) is the conjugate of H_m(omega). The taps are projected out (variable
+// projection, Golub & Pereyra 1973, in Kaufman's form), which leaves `count` unknowns for all series together. Harmonics
+// that do not stand above the noise (test_harmonics) are left out. Fails when there are too few lines.
 MultiplierRegion multiplier_region(const Identification& id, int outputs, const RegionOptions& options = {});
 
 // Probability that two independent estimates of one multiplier differ as much as these by chance: the multipliers do
