@@ -1,6 +1,8 @@
 // Do the intervals hold what they promise? Many noisy experiments on one machine, and how often the truth was inside.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <functional>
 #include <memory>
 
@@ -13,7 +15,7 @@ namespace saltus {
 struct CoverageOptions {
   int trials = 250;
   std::int64_t periods = 4;   // [stimulus period] of each experiment
-  int harmonics = 1;          // H_-harmonics ... H_harmonics
+  int harmonics = 3;          // H_-harmonics ... H_harmonics, as `saltus identify` has them
   double level = 0.95;        // of the intervals
   double colour = 0.0;        // [-] pole of the noise, 0: white; its standard deviation stays
   std::vector<double> noise;  // [output unit] standard deviation of each output
@@ -28,6 +30,10 @@ struct Coverage {
 
   double line_rate() const { return static_cast<double>(lines_inside) / static_cast<double>(lines); }
   double multiplier_rate() const { return static_cast<double>(multipliers_inside) / static_cast<double>(multipliers); }
+  // Standard error of the multipliers' rate where the promise is kept: trials are independent.
+  double multiplier_rate_sigma(double level) const {
+    return std::sqrt(level * (1.0 - level) / static_cast<double>(std::max<std::int64_t>(1, multipliers)));
+  }
 };
 
 // Whether the circle of each estimate holds the truth: pooled standard errors know 48 lines' worth of repeats.
@@ -36,8 +42,8 @@ bool circle_holds(const HtfEstimate& h, Complex truth, double level, std::int64_
 // One stretch of noise: an autoregression of order one, stationary, of standard deviation 1.
 class ColouredNoise {
  public:
-  ColouredNoise(double pole, std::uint64_t seed)
-      : pole_(pole), gain_(std::sqrt(1.0 - pole * pole)), random_(seed), state_(random_.normal()) {}
+  ColouredNoise(double pole, std::uint64_t seed, std::uint64_t stream = 0)
+      : pole_(pole), gain_(std::sqrt(1.0 - pole * pole)), random_(seed, stream), state_(random_.normal()) {}
   double operator()() { return state_ = pole_ * state_ + gain_ * random_.normal(); }
 
  private:
@@ -90,8 +96,9 @@ Coverage cover(const M& m, const Family& family, const Plan& plan, const Coverag
       }
       std::vector<ColouredNoise> source;
       for (int c = 0; c < ny; ++c) {
-        source.emplace_back(o.colour, o.seed + 7919 * (static_cast<std::uint64_t>(trial) * 1000 + 2 * e) +
-                                          static_cast<std::uint64_t>(c));
+        source.emplace_back(
+            o.colour, o.seed,
+            (static_cast<std::uint64_t>(trial) * plan.experiments.size() + e) * ny + static_cast<std::uint64_t>(c));
       }
       if (estimator->configure(id.sections, id.period, lines, o.harmonics) != Status::ok ||
           estimator->set_baseline(baseline) != Status::ok) {
@@ -116,7 +123,6 @@ Coverage cover(const M& m, const Family& family, const Plan& plan, const Coverag
     }
     RegionOptions region_options;
     region_options.count = static_cast<int>(exact.size());
-    region_options.harmonics = o.harmonics;
     const MultiplierRegion region = multiplier_region(id, ny, region_options);
     if (region.status != Status::ok) {
       ++r.failed;

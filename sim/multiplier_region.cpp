@@ -158,7 +158,7 @@ Solution solve(const Problem& p, VectorXd a, int reweightings) {
     const Normal n = normal_equations(p, a, false);
     const VectorXd step = n.matrix.ldlt().solve(n.rhs);
     a += step;
-    if (step.norm() < 1e-4 * (1.0 + a.norm())) break;
+    if (step.norm() < 1e-2 * (1.0 + a.norm())) break;  // Gauss-Newton goes on from here
   }
   Solution r;
   Normal n = normal_equations(p, a, true);
@@ -170,10 +170,12 @@ Solution solve(const Problem& p, VectorXd a, int reweightings) {
       length *= 0.5;
       next = normal_equations(p, a + length * step, true);
     }
+    // Far below the noise, for the cost is some thousands of its variances; or of rounding.
+    const bool small = step.dot(n.matrix * step) < 1e-8 * n.cost || step.norm() < 1e-9 * (1.0 + a.norm());
     a += length * step;
     n = next;
     if (!a.allFinite()) return r;
-    if (step.norm() < 1e-9 * (1.0 + a.norm())) {
+    if (small) {
       r.ok = true;
       break;
     }

@@ -31,7 +31,6 @@ void run(const M& m, const Options& given) {
   } catch (const std::invalid_argument& e) {
     throw UsageError(e.what());
   }
-  o.coverage.seed = o.plan.seed;
   const int cases = o.sections.family == "both" ? 4 : 2;
   o.coverage.trials = std::max(1, o.experiments / cases);
   nlohmann::json json = nlohmann::json::array();
@@ -40,13 +39,14 @@ void run(const M& m, const Options& given) {
     std::printf("%s: %d campaigns of %zu experiments, %lld stimulus periods each; %g %% intervals\n",
                 std::string(M::name).c_str(), cases * o.coverage.trials, plan.experiments.size(),
                 static_cast<long long>(o.coverage.periods), 100.0 * o.coverage.level);
-    std::printf("  %-18s%-10s%14s%18s%16s%16s\n", "sections", "noise", "lines inside", "multipliers inside",
+    std::printf("  %-18s%-10s%14s%24s%16s%16s\n", "sections", "noise", "lines inside", "multipliers inside",
                 "rms error", "standard error");
   }
   o.sections.visit<M>([&](const auto& family) {
     for (const double colour : {0.0, 0.8}) {
       CoverageOptions c = o.coverage;
       c.colour = colour;
+      c.seed = o.plan.seed + (static_cast<std::uint64_t>(json.size()) << 32);  // no two cases share their draws
       Progress progress(std::string(title_of(family)) + (colour > 0.0 ? ", coloured noise" : ", white noise"));
       const Coverage r = cover(m, family, plan, c, [&](double fraction) { progress.at(fraction); });
       if (r.lines == 0) throw RunError(std::string(M::name) + ": no limit cycle to experiment on; change --set");
@@ -59,12 +59,13 @@ void run(const M& m, const Options& given) {
                       {"lines_inside", r.line_rate()},
                       {"multipliers", r.multipliers},
                       {"multipliers_inside", r.multiplier_rate()},
+                      {"multipliers_inside_sigma", r.multiplier_rate_sigma(c.level)},
                       {"multiplier_rms_error", r.error},
                       {"multiplier_sigma", r.sigma}});
       if (!quiet) {
-        std::printf("  %-18s%-10s%12.2f %%%16.1f %%%16.2e%16.2e\n", title_of(family),
-                    colour > 0.0 ? "coloured" : "white", 100.0 * r.line_rate(), 100.0 * r.multiplier_rate(), r.error,
-                    r.sigma);
+        std::printf("  %-18s%-10s%12.2f %%%14.1f +- %3.1f %%%16.2e%16.2e\n", title_of(family),
+                    colour > 0.0 ? "coloured" : "white", 100.0 * r.line_rate(), 100.0 * r.multiplier_rate(),
+                    100.0 * r.multiplier_rate_sigma(c.level), r.error, r.sigma);
       }
     }
   });
@@ -76,7 +77,9 @@ void run(const M& m, const Options& given) {
 void add_coverage(CLI::App& app) {
   auto* command = app.add_subcommand("coverage", "How often intervals hold the truth, over many noisy campaigns");
   command->footer(
-      "White noise, and noise of an autoregression with pole 0.8 and the same standard deviation.\n"
+      "White noise, and noise of an autoregression with pole 0.8 and the same standard deviation. Beside the rate of "
+      "the\n"
+      "multipliers stands the standard error that so many campaigns leave.\n"
       "Example: saltus coverage hopper --experiments 1000");
   auto o = std::make_shared<Options>();
   o->coverage.noise = {1e-3, 6e-3};

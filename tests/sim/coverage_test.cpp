@@ -23,19 +23,28 @@ Coverage small(const auto& family, double colour, int trials) {
 
 }  // namespace
 
-TEST_CASE("intervals of lines and multipliers hold the truth as often as they promise", "[coverage]") {
-  const Coverage white = small(ClockPhases{32}, 0.0, 12);
-  CHECK(white.failed == 0);
-  REQUIRE(white.lines == 12 * 140 * 3 * 2);
-  CHECK(std::abs(white.line_rate() - 0.95) < 0.02);
-  CHECK(white.multipliers == 12);
-  CHECK(white.multipliers_inside >= 9);
-  CHECK(white.error < 2.0 * white.sigma);
+namespace {
 
-  const Coverage coloured = small(KinematicPhases{32}, 0.7, 4);
-  CHECK(coloured.failed == 0);
-  CHECK(std::abs(coloured.line_rate() - 0.95) < 0.03);
-  CHECK(coloured.multipliers_inside >= 2);
+// Of 60 campaigns 57 +- 1.7 ellipses hold the multiplier: fewer than 52 or more than 60 are 3 standard errors off. The
+// rate of 60 x 140 x 7 x 2 lines is known to 0.06 %; the rest of what is allowed is for noise that differs among the
+// lines whose repeats are pooled. The root of the mean of 60 squared complex errors is known to 6.5 %.
+void promises_are_kept(const Coverage& r, double pooled) {
+  CHECK(r.failed == 0);
+  REQUIRE(r.lines == 60 * 140 * 7 * 2);
+  CHECK(std::abs(r.line_rate() - 0.95) < 0.002 + pooled);
+  REQUIRE(r.multipliers == 60);
+  CHECK(r.multipliers_inside >= 52);
+  CHECK(std::abs(r.error / r.sigma - 1.0) < 0.2);
+}
+
+}  // namespace
+
+TEST_CASE("intervals hold the truth as often as they promise: isochrons, white noise", "[coverage]") {
+  promises_are_kept(small(ClockPhases{32}, 0.0, 60), 0.0);
+}
+
+TEST_CASE("intervals hold the truth as often as they promise: kinematic, coloured noise", "[coverage]") {
+  promises_are_kept(small(KinematicPhases{32}, 0.7, 60), 0.006);
 }
 
 TEST_CASE("coloured noise keeps its variance and its correlation", "[coverage]") {
