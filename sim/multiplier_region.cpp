@@ -357,7 +357,10 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
 
 double agreement(const MultiplierRegion& a, const MultiplierRegion& b, std::size_t i) {
   const Eigen::Matrix2d c = a.covariance[i] + b.covariance[i];
-  return std::exp(-0.5 * distance(c, a.multipliers[i] - b.multipliers[i]));
+  const Complex d = a.multipliers[i] - b.multipliers[i];
+  // Two real ones differ along one axis only.
+  if (c(1, 1) <= 1e-9 * c(0, 0) && d.imag() == 0.0) return std::erfc(std::abs(d.real()) / std::sqrt(2.0 * c(0, 0)));
+  return std::exp(-0.5 * distance(c, d));
 }
 
 }  // namespace saltus

@@ -7,14 +7,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
 #include <stdexcept>
 
 #include "core/random.hpp"
-#include "core/spectrum/htf.hpp"
 #include "eigenvalues.hpp"
+#include "multiplier_region.hpp"
 #include "singular_values.hpp"
 
 namespace saltus {
@@ -216,7 +217,56 @@ double noise_level(const HtfTable& t, const Eigen::VectorXd& scale, Random& rand
   return 1.05 * level;
 }
 
+// The outermost pair of harmonics that was measured; 0 where none beside H_0 was.
+Index outermost_pair(const HtfTable& t) {
+  Index outermost = 0;
+  for (const MatrixXcd& h : t.value) {
+    for (Index m = 1; 2 * m <= t.sections; ++m) {
+      if (h.row(m).squaredNorm() + h.row(t.sections - m).squaredNorm() > 0.0) outermost = std::max(outermost, m);
+    }
+  }
+  return outermost;
+}
+
+// Largest singular value of the outermost measured pair alone, over the sections looked at, where others are missing.
+double missing_level(const HtfTable& t, const Eigen::VectorXd& scale) {
+  const Index m = outermost_pair(t);
+  if (m == 0 || 2 * m >= t.sections) return 0.0;
+  std::vector<MatrixXcd> pair;
+  for (const MatrixXcd& h : t.value) {
+    MatrixXcd alone = MatrixXcd::Zero(h.rows(), h.cols());
+    alone.row(m) = h.row(m);
+    alone.row(t.sections - m) = h.row(t.sections - m);
+    pair.push_back(alone);
+  }
+  const std::vector<MatrixXcd> g = gains(pair, t.sections);
+  double level = 0.0;
+  for (Index look = 0; look < 6; ++look) {
+    level = std::max(level, singular_values(projected(g, t.omega, look * t.sections / 6, scale)).sigma[0]);
+  }
+  return 1.05 * level;
+}
+
+int rank_of_map(const MatrixXd& map) {
+  int rank = 0;
+  for (const double sigma : singular_values(map).sigma) rank += sigma > 1e-6 ? 1 : 0;
+  return rank;
+}
+
 }  // namespace
+
+Bounds rank_bounds(const std::vector<MatrixXd>& maps) {
+  Bounds b{0, std::numeric_limits<int>::max()};
+  int least = b.upper;
+  for (const MatrixXd& a : maps) {
+    const int rank = rank_of_map(a);
+    b.upper = std::min(b.upper, rank);
+    b.lower += rank - static_cast<int>(a.cols());
+    least = std::min(least, static_cast<int>(a.cols()));
+  }
+  b.lower = std::max(0, b.lower + least);
+  return b;
+}
 
 HtfTable table_of(const Identification& id, int outputs) {
   HtfTable t;
@@ -279,10 +329,11 @@ Realisation realise(const HtfTable& t, const RealisationOptions& o) {
   const std::vector<MatrixXcd> g = gains(t.value, t.sections);
   Random random(o.seed);
   const double noise = noise_level(t, scales(t, g), random);
-  build(g, t, o, nullptr, noise, r);
+  r.limit = missing_level(t, scales(t, g));
+  build(g, t, o, nullptr, std::max(noise, r.limit), r);
 
   const int least = r.model.smallest_section();
-  for (const double sigma : singular_values(r.model.monodromy(least)).sigma) r.rank += sigma > 1e-6 ? 1 : 0;
+  r.rank = rank_of_map(r.model.monodromy(least));
   r.multipliers = multipliers_at(r.model, least);
   for (int n = 0; n < t.sections; ++n) {
     const auto other = multipliers_at(r.model, n);
@@ -333,12 +384,7 @@ Realisation realise(const HtfTable& t, const RealisationOptions& o) {
   for (int& d : wider) ++d;
   std::vector<double> bias = shift(t, wider);
   // Harmonics that were not measured are another: what the outermost measured pair changes.
-  Index outermost = 0;
-  for (const MatrixXcd& h : t.value) {
-    for (Index m = 1; 2 * m <= t.sections; ++m) {
-      if (h.row(m).squaredNorm() + h.row(t.sections - m).squaredNorm() > 0.0) outermost = std::max(outermost, m);
-    }
-  }
+  const Index outermost = outermost_pair(t);
   if (2 * outermost < t.sections && outermost > 0) {
     HtfTable fewer = t;
     for (MatrixXcd& h : fewer.value) {
@@ -349,6 +395,24 @@ Realisation realise(const HtfTable& t, const RealisationOptions& o) {
     for (std::size_t i = 0; i < bias.size(); ++i) bias[i] += missing[i];
   }
   for (std::size_t i = 0; i < spread.size(); ++i) r.sigma.push_back(std::sqrt(spread[i] + bias[i]));
+  return r;
+}
+
+Realisation realise(const Identification& id, int outputs, const RealisationOptions& o) {
+  Realisation r = realise(table_of(id, outputs), o);
+  RegionOptions options;
+  options.count = std::clamp<int>(static_cast<int>(r.multipliers.size()), 1, 4);
+  const MultiplierRegion region = multiplier_region(id, outputs, options);
+  if (!usable(region.status)) return r;
+  r.sigma.resize(r.multipliers.size(), 0.0);
+  for (std::size_t i = 0; i < r.multipliers.size(); ++i) {
+    double nearest = std::abs(r.multipliers[i]), sigma = 0.0;  // one that is not there is off by its own size
+    for (std::size_t k = 0; k < region.multipliers.size(); ++k) {
+      const double distance = std::abs(region.multipliers[k] - r.multipliers[i]);
+      if (distance < nearest) nearest = distance, sigma = region.sigma(k);
+    }
+    r.sigma[i] = std::hypot(std::max(r.sigma[i], sigma), nearest);
+  }
   return r;
 }
 
@@ -369,10 +433,14 @@ std::string realisation_json(const Realisation& r) {
                    {"htf_error", r.error},
                    {"singular_values", r.singular},
                    {"threshold", r.threshold},
+                   {"missing_harmonics_limit", r.limit},
+                   {"inconsistency", r.inconsistency},
+                   {"stable", r.stable()},
                    {"multipliers", nlohmann::json::array()},
                    {"A", nlohmann::json::array()},
                    {"B", nlohmann::json::array()},
                    {"C", nlohmann::json::array()}};
+  if (r.bounds) j["rank_bounds"] = {r.bounds->lower, r.bounds->upper};
   for (int n = 0; n < r.model.sections; ++n) {
     j["dim"].push_back(r.model.dim(n));
     j["A"].push_back(matrix(r.model.A[at(n)]));

@@ -2,11 +2,16 @@
 // y[n] = C[n] x[n], that predicts and controls what was measured.
 #pragma once
 
+#include <cmath>
+#include <numbers>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include "core/linalg.hpp"
 #include "core/orbit/ldtp.hpp"
+#include "core/orbit/rank.hpp"
+#include "core/spectrum/htf.hpp"
 #include "identification.hpp"
 
 namespace saltus {
@@ -21,6 +26,37 @@ struct HtfTable {
 };
 
 HtfTable table_of(const Identification& id, int outputs);
+
+// All N harmonics of a known system at f = 1/resolution, 2/resolution ... band [cycles a cycle].
+template <int NX, int NY, int N>
+HtfTable exact_table(const Ldtp<NX, 1, NY, N>& system, int resolution, double band) {
+  HtfTable t;
+  t.sections = N;
+  t.outputs = NY;
+  for (int q = 1; q <= static_cast<int>(std::floor(band * resolution + 1e-9)); ++q) {
+    const double omega = 2.0 * std::numbers::pi * q / (static_cast<double>(resolution) * N);
+    const auto h = htf(system, omega);
+    Eigen::MatrixXcd value(N, NY);
+    for (int m = 0; m < N; ++m) value.row(m) = h(m).col(0).transpose();
+    t.omega.push_back(omega);
+    t.value.push_back(value);
+    t.sigma.emplace_back(Eigen::MatrixXd::Zero(N, NY));
+  }
+  return t;
+}
+
+// What the rank of a return map lies between, given the maps from section to section that it is made of: Theorem 4 of
+// Wendel & Ames 2012, with the ranks that these have instead of those that Lemma 3 foresees. The cycle starts where the
+// dimension is least.
+Bounds rank_bounds(const std::vector<Eigen::MatrixXd>& maps);
+template <int NX, int NU, int NY, int N>
+Bounds rank_bounds(const Ldtp<NX, NU, NY, N>& system) {
+  std::vector<Eigen::MatrixXd> maps;
+  for (std::size_t n = 0; n < N; ++n) {
+    maps.emplace_back(system.A[n].topLeftCorner(system.dim[(n + 1) % N], system.dim[n]));
+  }
+  return rank_bounds(maps);
+}
 
 // Dimensions may change from section to section: A[n] is (dim(n + 1) x dim(n)).
 struct PeriodicModel {
@@ -44,8 +80,10 @@ struct RealisationOptions {
 struct Realisation {
   PeriodicModel model;
   std::vector<double> singular;      // the largest singular values of the section with the largest dimension
-  double threshold = 0.0;            // what singular values had to exceed: the noise's own, or the tolerance
+  double threshold = 0.0;            // what singular values had to exceed: the noise's own, the limit, or the tolerance
+  double limit = 0.0;                // where harmonics are missing: the largest that the outermost measured pair has
   int rank = 0;                      // of the return map; at most the least dimension of a section
+  std::optional<Bounds> bounds;      // of the machine's return map, where its model is known
   std::vector<Complex> multipliers;  // non-zero ones, falling modulus
   // Standard errors of the multipliers, sqrt(E |error|^2): noise, what a dimension more in every section
   // changes, and, where harmonics are missing, what one pair less changes;
@@ -54,6 +92,8 @@ struct Realisation {
   double error = 0.0;          // largest |H model - H| over the largest |H_0| of that output
   double error_rms = 0.0;      // root mean square of the same
   double inconsistency = 0.0;  // largest difference between the multipliers of two sections: what rounding left
+
+  bool stable() const { return multipliers.empty() || std::abs(multipliers[0]) < 1.0; }
 };
 
 // Frequency-lifted subspace identification. The response to exp(i omega n) is G_n(omega) exp(i omega n) with
@@ -63,8 +103,13 @@ struct Realisation {
 // McKelvey, Akcay & Ljung 1996), and shifting it by one section gives A[n] and C[n]; B[n] is then linear least squares
 // on the HTFs. A dimension is the number of singular values larger than those of the noise alone, which are drawn from
 // the standard errors (parallel analysis). Exact where all N harmonics are given; with fewer, the missing ones are an
-// error of their own size. Throws std::invalid_argument when there are too few lines.
+// error of their own size, which the outermost measured pair tells: what that alone gives is no state either. Throws
+// std::invalid_argument when there are too few lines.
 Realisation realise(const HtfTable& table, const RealisationOptions& options = {});
+
+// The same of what was identified. The multipliers of a subspace are biased by what was left out; multiplier_region()
+// has no such bias, so the standard errors take in the distance to its own, and stand without replicates too.
+Realisation realise(const Identification& id, int outputs, const RealisationOptions& options = {});
 
 // {"sections_per_cycle", "dim", "A", "B", "C", "rank", "multipliers", ...} and `matrix,section,row,column,value`.
 std::string realisation_json(const Realisation& r);

@@ -1,9 +1,8 @@
 #include "confidence.hpp"
 
+#include <algorithm>
 #include <cmath>
 
-#include "../multiplier_region.hpp"
-#include "../realisation.hpp"
 #include "../significance.hpp"
 #include "identify.hpp"
 
@@ -33,7 +32,7 @@ void report_harmonics(const Identified& r, bool quiet, nlohmann::json& json) {
   }
 }
 
-void report_regions(const Identified& r, const ConfidenceOptions& o, bool quiet, nlohmann::json& json) {
+MultiplierRegion report_regions(const Identified& r, const ConfidenceOptions& o, bool quiet, nlohmann::json& json) {
   RegionOptions options;
   options.count = std::max<int>(1, static_cast<int>(r.model_multipliers.size()));
   options.replicates = o.replicates;
@@ -41,7 +40,7 @@ void report_regions(const Identified& r, const ConfidenceOptions& o, bool quiet,
   json["multiplier_regions"] = nlohmann::json::array();
   if (!usable(region.status)) {
     if (!quiet) std::printf("  too few lines for confidence regions of the multipliers\n");
-    return;
+    return region;
   }
   if (!quiet) {
     std::printf("  multipliers, %g %% regions (chi^2 / freedom %.3f, %d responses share the poles)\n", 100.0 * o.level,
@@ -68,6 +67,7 @@ void report_regions(const Identified& r, const ConfidenceOptions& o, bool quiet,
     if (!region.replicates.empty()) std::printf(" (bootstrap %.2g)", std::sqrt(scatter));
     std::printf("\n");
   }
+  return region;
 }
 
 void write_realisation(const Identified& r, const ConfidenceOptions& o, bool quiet) {
@@ -75,24 +75,12 @@ void write_realisation(const Identified& r, const ConfidenceOptions& o, bool qui
   options.replicates = o.replicates;
   Realisation model;
   try {
-    model = realise(table_of(r.id, static_cast<int>(r.outputs.size())), options);
+    model = realise(r.id, static_cast<int>(r.outputs.size()), options);
   } catch (const std::invalid_argument& e) {
     throw RunError(std::string("--realise: ") + e.what() + "; raise --band or --period");
   }
-  const bool csv = o.realise.size() > 4 && o.realise.substr(o.realise.size() - 4) == ".csv";
-  write_text(o.realise, csv ? realisation_csv(model) : realisation_json(model));
-  if (quiet) return;
-  int most = 0;
-  for (int n = 0; n < model.model.sections; ++n) most = std::max(most, model.model.dim(n));
-  std::printf("  state-space model: %d to %d states, return map of rank %d, HTFs within %.1e of the largest H_0\n",
-              model.model.dim(model.model.smallest_section()), most, model.rank, model.error);
-  for (std::size_t i = 0; i < model.multipliers.size(); ++i) {
-    const Complex z = model.multipliers[i];
-    if (z.imag() < 0.0) continue;
-    std::printf("    multiplier %.6f %+.6f i", z.real(), z.imag());
-    if (i < model.sigma.size()) std::printf(", standard error %.2g", model.sigma[i]);
-    std::printf("\n");
-  }
+  model.bounds = r.rank_bounds;
+  write_model(model, o.realise, quiet);
 }
 
 }  // namespace
@@ -111,12 +99,62 @@ void ConfidenceOptions::add_to(CLI::App& command) {
       ->type_name("FILE");
 }
 
-void report_confidence(const Identified& r, const ConfidenceOptions& o, bool quiet, nlohmann::json& json) {
+MultiplierRegion report_confidence(const Identified& r, const ConfidenceOptions& o, bool quiet, nlohmann::json& json) {
+  MultiplierRegion region;
   if (o.level > 0.0) {
     report_harmonics(r, quiet, json);
-    report_regions(r, o, quiet, json);
+    region = report_regions(r, o, quiet, json);
   }
   if (!o.realise.empty()) write_realisation(r, o, quiet);
+  return region;
+}
+
+void report_agreement(const MultiplierRegion& a, const MultiplierRegion& b, bool quiet, nlohmann::json& families) {
+  if (a.status != Status::ok || b.status != Status::ok || a.multipliers.size() != b.multipliers.size()) return;
+  double least = 1.0;
+  int compared = 0;
+  for (std::size_t i = 0; i < a.multipliers.size(); ++i) {
+    if (a.multipliers[i].imag() < 0.0) continue;
+    least = std::min(least, agreement(a, b, i));
+    ++compared;
+  }
+  const double chance = -std::expm1(compared * std::log1p(-least));  // of the least of so many
+  for (nlohmann::json& one : families) one["cross_phase_chance"] = chance;
+  if (quiet) return;
+  std::printf("multipliers of both families of sections differ as they do by a chance of %.3g%s\n", chance,
+              chance < 0.001 ? ": a section or a clock is off" : "");
+}
+
+void write_model(const Realisation& model, const std::string& file, bool quiet) {
+  const bool csv = file.size() > 4 && file.substr(file.size() - 4) == ".csv";
+  write_text(file, csv ? realisation_csv(model) : realisation_json(model));
+  if (!model.stable()) {
+    std::fprintf(stderr,
+                 "saltus: --realise: the model is unstable (a multiplier of modulus %.3f): it does not describe the "
+                 "machine; identify more harmonics, with less noise\n",
+                 std::abs(model.multipliers[0]));
+  }
+  if (quiet) return;
+  int most = 0;
+  for (int n = 0; n < model.model.sections; ++n) most = std::max(most, model.model.dim(n));
+  std::printf("  state-space model: %d to %d states, return map of rank %d, HTFs within %.1e of the largest H_0\n",
+              model.model.dim(model.model.smallest_section()), most, model.rank, model.error);
+  if (model.limit > 0.0) {
+    std::printf("    harmonics that were not identified hide states below %.1e of the largest singular value\n",
+                model.limit / model.singular[0]);
+  }
+  if (model.bounds) {
+    const bool within = model.rank >= model.bounds->lower && model.rank <= model.bounds->upper;
+    std::printf("    the maps between sections allow a rank of %d to %d%s\n", model.bounds->lower, model.bounds->upper,
+                within ? "" : ": the model has another");
+  }
+  for (std::size_t i = 0; i < model.multipliers.size(); ++i) {
+    const Complex z = model.multipliers[i];
+    if (z.imag() < 0.0) continue;
+    std::printf("    multiplier %.6f %+.6f i", z.real(), z.imag());
+    if (i < model.sigma.size()) std::printf(", standard error %.2g", model.sigma[i]);
+    std::printf("\n");
+  }
 }
 
 }  // namespace saltus::program

@@ -7,6 +7,7 @@
 #include "../../core/orbit/orbit.hpp"
 #include "../../core/spectrum/htf.hpp"
 #include "../report/htf_figures.hpp"
+#include "confidence.hpp"
 #include "program.hpp"
 #include "sections.hpp"
 
@@ -19,14 +20,15 @@ struct Options {
   int harmonics = 3;
   int resolution = 64;
   double band = 10.0;
-  std::string csv, json, picture;
+  std::string csv, json, picture, realise;
 };
 
 template <class M, class Family>
 void run(const M& m, const Family& family, const Options& o) {
   static_assert(input_count<M> == 1);
   constexpr int ny = output_count<M>;
-  const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--picture", o.picture}});
+  const bool quiet =
+      check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--picture", o.picture}, {"--realise", o.realise}});
   const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
   const auto orbit = find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), family, *system);
   if (orbit.status != Status::ok) {
@@ -105,6 +107,15 @@ void run(const M& m, const Family& family, const Options& o) {
                         {"htf", values}});
   }
   if (!o.picture.empty()) write_text(o.picture, picture);
+  if (o.realise.empty()) return;
+  Realisation model;
+  try {
+    model = realise(exact_table(*system, o.resolution, o.band));
+  } catch (const std::invalid_argument& e) {
+    throw RunError(std::string("--realise: ") + e.what() + "; raise --band or --resolution");
+  }
+  model.bounds = rank_bounds(*system);
+  write_model(model, o.realise, quiet);
 }
 
 }  // namespace
@@ -131,6 +142,10 @@ void add_htf(CLI::App& app) {
   command->add_option("--csv", o->csv, "write m,f,output,re,im to FILE, - for standard output")->type_name("FILE");
   command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->add_option("--picture", o->picture, "draw the magnitudes of H_0 and H_+-1 into FILE.svg")->type_name("FILE");
+  command
+      ->add_option("--realise", o->realise,
+                   "write the state-space model A[n], B[n], C[n] that all harmonics make to FILE.json or FILE.csv")
+      ->type_name("FILE");
   command->callback([o] {
     with_model(o->model, [&](auto m) {
       using M = decltype(m);

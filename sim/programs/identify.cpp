@@ -180,12 +180,15 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   }
   std::vector<Identified> families;
   std::vector<HtfPanel> panels;
+  std::vector<MultiplierRegion> regions;
   nlohmann::json json = nlohmann::json::array();
   Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
   o.sections.visit<M>([&](const auto& family) {
+    IdentifyOptions own = o;  // noise of its own: what both families tell is to be compared
+    own.campaign.seed += std::uint64_t{families.size()} << 32;
     Record* const saved = o.save.empty() ? nullptr : &record;
     const Identified r =
-        o.link.inproc() ? identify_rig(m, family, o, plan, saved) : identify_far(m, family, o, plan, saved);
+        o.link.inproc() ? identify_rig(m, family, own, plan, saved) : identify_far(m, family, own, plan, saved);
     if (!quiet) {
       std::printf("%s\n", r.title.c_str());
       print_notes(r);
@@ -199,12 +202,13 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
     if (o.confidence.wanted()) {
       ConfidenceOptions confidence = o.confidence;
       if (!families.empty() && !confidence.realise.empty()) confidence.realise = beside(confidence.realise, r.sections);
-      report_confidence(r, confidence, quiet, j);
+      regions.push_back(report_confidence(r, confidence, quiet, j));
     }
     json.push_back(j);
     for (const HtfPanel& p : panels_of(r)) panels.push_back(p);
     families.push_back(r);
   });
+  if (regions.size() == 2) report_agreement(regions[0], regions[1], quiet, json);
   if (!quiet && paper) print_paper_table(families);
   // Nothing is written before everything is known.
   if (!o.pictures.empty()) write_pictures(o.pictures, panels, quiet);

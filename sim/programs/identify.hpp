@@ -38,6 +38,7 @@ struct Identified {
   std::vector<Complex> model_multipliers;  // non-zero ones of the model's return map
   std::vector<MultiplierFit> fits;         // of each output: two poles, then image poles where the lines suffice
   MultiplierFit best;
+  std::optional<Bounds> rank_bounds;  // of the model's return map
 
   // Norms over the lines, root of the sum of squares: of H_m exact, of H_m identified, of their difference.
   struct Norms {
@@ -76,6 +77,7 @@ template <class M>
 void compare(Identified& r, const LdtpOf<M, sections_per_cycle>& system) {
   r.has_exact = r.id.sections == sections_per_cycle;
   r.model_multipliers = nonzero_multipliers(system.monodromy(0));
+  r.rank_bounds = rank_bounds(system);
   if (r.has_exact) {
     int line = -1;
     Harmonics<output_count<M>, 1, sections_per_cycle> h;

@@ -1,8 +1,10 @@
 #include "sim/multiplier_region.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <numbers>
+#include <vector>
 
 #include "core/orbit/orbit.hpp"
 #include "core/random.hpp"
@@ -69,8 +71,7 @@ namespace {
 
 // The hopper's own harmonics, H_-3 ... H_3, at the lines below 10 cycles a cycle of a resolution of 1/16.
 template <class Family>
-Identification exact_hopper(const Family& family) {
-  const Hopper<> m;
+Identification exact_hopper(const Family& family, const Hopper<>& m = {}) {
   const auto system = std::make_unique<LdtpOf<Hopper<>, 32>>();
   REQUIRE(find_orbit<32>(m, timebase_of(m, 512), family, *system).status == Status::ok);
   Identification id;
@@ -159,6 +160,43 @@ TEST_CASE("two estimates of one multiplier agree, those of different ones do not
   MultiplierRegion off = b;
   off.multipliers[0] += 8.0 * b.sigma(0);
   CHECK(agreement(a, off, 0) < 1e-4);
+}
+
+TEST_CASE("both families of sections tell the same multipliers, by chance alone apart", "[multipliers]") {
+  Random random(6);
+  // Noise that differs among the outputs as a campaign's does.
+  const auto noisy = [&](Identification id) {
+    for (HtfEstimate& h : id.htf) {
+      h.sigma = h.output == 0 ? 0.0016 : 0.0094;
+      h.cycles = 64;
+      const double re = random.normal(), im = random.normal();
+      h.value += h.sigma / std::numbers::sqrt2 * Complex{re, im};
+    }
+    return id;
+  };
+  const Hopper<> m;
+  const Identification clock = exact_hopper(ClockPhases{32}, m), kinematic = exact_hopper(KinematicPhases{32}, m);
+  RegionOptions o;
+  o.harmonics = 0;
+  std::vector<double> chance;
+  for (int trial = 0; trial < 40; ++trial) {
+    chance.push_back(agreement(multiplier_region(noisy(clock), 2, o), multiplier_region(noisy(kinematic), 2, o), 0));
+  }
+  std::sort(chance.begin(), chance.end());
+  double furthest = 0.0;  // from the uniform distribution (Kolmogorov & Smirnov)
+  for (std::size_t i = 0; i < chance.size(); ++i) {
+    const double n = static_cast<double>(chance.size()), before = static_cast<double>(i) / n;
+    furthest = std::max({furthest, chance[i] - before, before + 1.0 / n - chance[i]});
+  }
+  CHECK(furthest < 0.30);  // 1.95 / sqrt(40) is passed once in a thousand
+
+  // Isochrons of a clock that turns 3 % faster, beside kinematic sections of the machine that was meant.
+  Hopper<> fast = m;
+  fast.omega *= 1.03;
+  const Identification wrong = exact_hopper(ClockPhases{32}, fast);
+  for (int trial = 0; trial < 3; ++trial) {
+    CHECK(agreement(multiplier_region(noisy(wrong), 2, o), multiplier_region(noisy(kinematic), 2, o), 0) < 1e-3);
+  }
 }
 
 TEST_CASE("too few lines are refused", "[multipliers]") {
