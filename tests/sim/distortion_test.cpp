@@ -47,6 +47,36 @@ TEST_CASE("distortion of the hopper is found and sized at 0.3 and 1 N, and none 
   }
 }
 
+// At 1 mm the odd order of 0.3 N and all of the isochrons' distortion is far below the noise: finer sensors see it.
+TEMPLATE_TEST_CASE("what 1 mm of noise hides is sized by finer sensors, under both phases", "[distortion]", ClockPhases,
+                   KinematicPhases) {
+  const TestType family{32};
+  const bool clock = TestType::on_grid;
+  const double fine = clock ? 1e-9 : 1e-5;
+  CampaignOptions o;
+  o.settle = 80;
+  o.periods = 4;
+  for (const double amplitude : {0.3, 1.0}) {
+    const auto stimulus = odd_stimulus(amplitude, 32);
+    o.noise.clear();
+    const Distortion exact = measure_distortion(Hopper<>{}, family, stimulus, 32, o);
+    o.noise = {1e-3, 6e-3};
+    const Distortion hidden = measure_distortion(Hopper<>{}, family, stimulus, 32, o);
+    o.noise = {fine, 6.0 * fine};
+    const Distortion seen = measure_distortion(Hopper<>{}, family, stimulus, 32, o);
+    for (int c = 0; c < 2; ++c) {
+      const auto i = static_cast<std::size_t>(c);
+      INFO(amplitude << " N, output " << c << ": " << exact.even[i].rms() << " " << exact.odd[i].rms());
+      CHECK(seen.found_even(c));
+      CHECK((clock || seen.found_odd(c)));
+      CHECK(std::abs(seen.even[i].rms() - exact.even[i].rms()) < 4.0 * seen.even[i].sigma());
+      CHECK(std::abs(seen.odd[i].rms() - exact.odd[i].rms()) < 4.0 * seen.odd[i].sigma());
+      if (clock) CHECK_FALSE(hidden.found_even(c));
+      if (clock || amplitude < 0.5) CHECK_FALSE(hidden.found_odd(c));
+    }
+  }
+}
+
 TEST_CASE("distortion of even order grows with the square of the amplitude, of odd order with the cube",
           "[distortion]") {
   CampaignOptions o;
