@@ -1,7 +1,6 @@
 // saltus design: the stimuli of a campaign, obeying the rules under which every line can be told apart.
 #include <cstdio>
 
-#include "../experiment_design.hpp"
 #include "plan_options.hpp"
 
 namespace saltus::program {
@@ -15,17 +14,12 @@ struct Options {
 
 void run(const Options& o) {
   const bool quiet = check_outputs({{"--csv", o.csv}, {"--samples", o.samples}, {"--json", o.json}});
-  Plan plan;
-  try {
-    plan = o.design.plain() ? make_plan(o.plan) : design_plan(o.plan, o.design);
-  } catch (const std::invalid_argument& e) {
-    throw UsageError(e.what());
-  }
+  const Plan plan = plan_of(o.plan, o.design);
   std::string csv = "experiment,line,f,amplitude,phase\n";
   std::string series = "experiment,sample,u\n";
   nlohmann::json json{{"sections_per_cycle", o.plan.sections},
                       {"stimulus_period_cycles", o.plan.period},
-                      {"lines", plan.lines()},
+                      {"lines", plan.lines() / o.design.realisations},
                       {"least_experiments", plan.bound.size},
                       {"experiments", nlohmann::json::array()}};
   std::vector<double> u(static_cast<std::size_t>(o.plan.sections * o.plan.period));
@@ -55,8 +49,8 @@ void run(const Options& o) {
     most = std::max(most, s.tones());
   }
   if (!quiet) {
-    std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n", plan.lines(),
-                o.plan.period, o.plan.band);
+    std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n",
+                plan.lines() / o.design.realisations, o.plan.period, o.plan.band);
     std::printf(
         "%zu experiments of %d to %d tones; no plan has fewer than %d: that many lines exclude one another (class %d "
         "of %d)\n",
@@ -85,19 +79,7 @@ void add_design(CLI::App& app) {
       ->check(CLI::Range(1, 4096));
   command->add_flag("--opposed", o->plan.opposed,
                     "add each stimulus with its sign reversed: even-order distortion cancels");
-  command->add_option("--tones", o->design.tones, "at most so many tones in an experiment")
-      ->check(CLI::Range(1, max_tones));
-  command->add_flag("--odd", o->design.odd,
-                    "odd lines only, with an even period: even-order distortion falls on the silent even lines");
-  command
-      ->add_option("--detection", o->design.detection,
-                   "with --odd: classes of odd lines left silent in each experiment, where odd-order distortion shows")
-      ->check(CLI::Range(0, max_tones));
-  command->add_option("--realisations", o->design.realisations, "play the plan so many times, with other phases each time")
-      ->check(CLI::Range(1, 100));
-  command->add_flag("--crest", o->design.crest, "seek phases of a low crest factor, peaks between samples counted");
-  command->add_option("--peak", o->design.peak_limit, "scale stimuli down to this largest input, between samples too")
-      ->check(CLI::PositiveNumber);
+  add_design_options(*command, o->design);
   command->add_option("--csv", o->csv, "write experiment,line,f,amplitude,phase to FILE, - for standard output")
       ->type_name("FILE");
   command->add_option("--samples", o->samples, "write experiment,sample,u over one period to FILE")->type_name("FILE");
