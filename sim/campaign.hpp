@@ -28,6 +28,8 @@ struct CampaignOptions {
   std::int64_t periods = 1;   // [stimulus period] listened to
   int harmonics = 3;          // H_-harmonics ... H_harmonics
   std::vector<double> noise;  // [output unit] standard deviation of each output; empty: none
+  double jitter = 0.0;        // [s] standard deviation of the instants at which outputs are taken
+  std::int64_t ramp = 0;      // [cycle] over which the stimulus grows, as a raised cosine; no more than settle
   std::uint64_t seed = 1;     // of the noise
   std::vector<double>
       watch;  // [output unit] noise of each output, for the residual to be held against; empty: not watched
@@ -199,6 +201,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     Run<M> start;
     start.at = c.orbit.point[0];
     Rig<M, Family> rig(m, base, family, start, noise, o.seed + 1000003 * e);
+    rig.jitter(o.jitter);
     if (!multisine.fill(*twiddles, at.stimulus) ||
         at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
         at.estimator->set_baseline(baseline) != Status::ok) {
@@ -231,9 +234,16 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
       rows.inputs[0].values.push_back(input);
       for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i) rows.outputs[i].values.push_back(y[i]);
     };
+    const std::int64_t rising = std::min(o.ramp, o.settle) * plan.options.sections;
+    std::vector<double> ramped;  // the whole experiment where it does not repeat from the start
+    for (std::int64_t n = 0; rising > 0 && n < samples; ++n) {
+      const double part = static_cast<double>(n) / static_cast<double>(rising);
+      const double weight = n < rising ? 0.5 - 0.5 * std::cos(std::numbers::pi * part) : 1.0;
+      ramped.push_back(weight * at.stimulus[static_cast<std::size_t>(n % length)]);
+    }
     const Status s =
-        play(static_cast<std::int32_t>(e), rig, std::span<const double>(at.stimulus), std::span<const Complex>(at.u),
-             samples, o.settle * plan.options.sections, *at.estimator, on_sample);
+        play(static_cast<std::int32_t>(e), rig, std::span<const double>(rising > 0 ? ramped : at.stimulus),
+             std::span<const Complex>(at.u), samples, o.settle * plan.options.sections, *at.estimator, on_sample);
     result.status = near || !usable(s) ? s : Status::failed;
     if (!usable(result.status)) return;
     collect(*at.estimator, at.u, 0, ny, result.id, result.noise);

@@ -37,6 +37,10 @@ class Rig {
     delay_ = static_cast<std::uint64_t>(delay < 0 ? 0 : delay < longest_delay ? delay : longest_delay);
   }
 
+  // Outputs are taken off by a random time, independent from section to section, of this standard deviation [s]: the
+  // chart's flow carried on, past an event too.
+  void jitter(double seconds) noexcept { jitter_ = seconds; }
+
   const Run<M>& run() const noexcept { return run_; }
 
   // The measurement before the first stimulus, seq -1.
@@ -57,6 +61,7 @@ class Rig {
     section_ = 0;
     met_ = 0;
     late_ = {};
+    held_ = Input<M>::Zero();
     return greeting();
   }
 
@@ -64,9 +69,9 @@ class Rig {
   Reply advance(const Command& command) noexcept {
     late_[static_cast<std::size_t>(met_ % late_.size())] = command;
     const Command& acting = late_[static_cast<std::size_t>((met_ + late_.size() - delay_) % late_.size())];
-    Input<M> u;
-    for (int i = 0; i < input_count<M>; ++i) u[i] = acting.u[static_cast<std::size_t>(i)];
-    const Status s = to_next_section(model_, run_, section_, u, base_, family_, [](const Point<M>&, const Passage&) {});
+    for (int i = 0; i < input_count<M>; ++i) held_[i] = acting.u[static_cast<std::size_t>(i)];
+    const Status s =
+        to_next_section(model_, run_, section_, held_, base_, family_, [](const Point<M>&, const Passage&) {});
     section_ = (section_ + 1) % family_.count();
     ++met_;
     Reply r = reply(command.seq, s);
@@ -83,7 +88,17 @@ class Rig {
     r.seq = seq;
     r.tick = static_cast<std::int64_t>(met_);
     r.status = status;
-    const Output<M> y = output_at(model_, run_.at, Input<M>(Input<M>::Zero()));
+    Point<M> at = run_.at;
+    if (jitter_ > 0.0) {
+      const double off = jitter_ * random_.normal();
+      visit_chart(at, [&](auto c) {
+        constexpr int n = decltype(c)::dim;
+        const auto f = [&](const Vec<n>& x) noexcept -> Vec<n> { return model_.flow(c, x, held_); };
+        const Vec<n> x = at.in(c);
+        at.set(c, rk4<n, double>(f, x, f(x), off));
+      });
+    }
+    const Output<M> y = output_at(model_, at, Input<M>(Input<M>::Zero()));
     for (int i = 0; i < output_count<M>; ++i) {
       const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
       r.y[static_cast<std::size_t>(i)] =
@@ -97,6 +112,8 @@ class Rig {
   Family family_;
   Run<M> start_, run_;
   Output<M> noise_, quantum_ = Output<M>::Zero();
+  double jitter_ = 0.0;               // [s]
+  Input<M> held_ = Input<M>::Zero();  // since the last section
   std::uint64_t seed_;
   Random random_;
   std::uint64_t delay_ = 0;                        // [section]
