@@ -37,6 +37,22 @@ struct Plan {
   }
 };
 
+// The same stimuli at another amplitude of a tone [input unit].
+inline Plan scaled(const Plan& plan, double amplitude) {
+  Plan p{plan.options, plan.bound, {}};
+  p.options.amplitude = amplitude;
+  for (const auto& u : plan.experiments) {
+    Multisine<max_tones> v(u.samples());
+    for (int k = 0; k < u.tones(); ++k) {
+      Tone t = u.tone(k);
+      t.amplitude *= amplitude / plan.options.amplitude;
+      if (!v.add(t)) break;  // not finite
+    }
+    p.experiments.push_back(v);
+  }
+  return p;
+}
+
 // Throws std::invalid_argument, naming the option and the mend, when there is no such plan.
 Plan make_plan(const PlanOptions& options);
 
