@@ -237,11 +237,11 @@ AnyStimulusFit identify_any_stimulus(const Record& record, const AnyStimulusOpti
     }
     a += step;
     normal = next;
-    // Settled where another step is a hundredth of the standard error: which taps the input tells is a matter of rank,
+    // Settled where another step is a tenth of the standard error: which taps the input tells is a matter of rank,
     // so the cost is smooth only down to that.
     const double unit_variance = normal.cost / (static_cast<double>(p.sections) * static_cast<double>(p.outputs) *
                                                 static_cast<double>(p.rows - normal.rank));
-    settled = step.dot(normal.matrix * step) < 1e-4 * unit_variance || step.norm() < 1e-9;
+    settled = step.dot(normal.matrix * step) < 1e-2 * unit_variance || step.norm() < 1e-9;
     if (!a.allFinite()) return fit;
   }
   fit.status = settled ? Status::ok : Status::failed;
@@ -357,6 +357,27 @@ AnyStimulusFit identify_any_stimulus(const Record& record, const AnyStimulusOpti
     fit.sigma.push_back(std::sqrt(sum) / std::abs(steep));
   }
   return fit;
+}
+
+std::vector<double> chirp_input(std::int64_t cycles, int sections, double band, double amplitude) {
+  const std::int64_t samples = cycles * sections, span = std::max<std::int64_t>(1, samples / 5);
+  std::vector<double> u;
+  for (std::int64_t n = 0; n < samples; ++n) {
+    const auto t = static_cast<double>(n % span);
+    u.push_back(amplitude * std::cos(std::numbers::pi * band / sections * t * t / static_cast<double>(span) + 0.1));
+  }
+  return u;
+}
+
+std::vector<double> binary_input(std::int64_t cycles, int sections, double amplitude, std::uint64_t seed) {
+  auto state = static_cast<std::uint32_t>(Random(seed).bits() >> 41) | 1u;  // 23 bits, not all zero
+  std::vector<double> u;
+  for (std::int64_t n = 0; n < cycles * sections; ++n) {
+    const std::uint32_t bit = (state >> 22 ^ state >> 17) & 1u;  // x^23 + x^18 + 1 is primitive
+    state = (state << 1 | bit) & 0x7fffffu;
+    u.push_back(bit != 0 ? amplitude : -amplitude);
+  }
+  return u;
 }
 
 }  // namespace saltus

@@ -2,6 +2,7 @@
 // the machine.
 #pragma once
 
+#include <cstdint>
 #include <vector>
 
 #include "hal/record.hpp"
@@ -33,5 +34,13 @@ struct AnyStimulusFit {
 // periodicity nor settling is asked for; the noise is taken as white. Throws RecordError where the record is not paced
 // by a clock, has no known single input, or too few cycles.
 AnyStimulusFit identify_any_stimulus(const Record& record, const AnyStimulusOptions& options = {});
+
+// A cosine that sweeps from 0 to `band` [cycles a cycle] in a fifth of the experiment, and again; `cycles` long, one
+// value a section.
+std::vector<double> chirp_input(std::int64_t cycles, int sections, double band, double amplitude);
+
+// A maximal-length binary sequence of 2^23 - 1 sections, plus and minus `amplitude`, from a place that the seed
+// chooses.
+std::vector<double> binary_input(std::int64_t cycles, int sections, double amplitude, std::uint64_t seed);
 
 }  // namespace saltus
