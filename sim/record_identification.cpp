@@ -109,7 +109,8 @@ Identification identify_record(const Record& record, int harmonics) {
     refuse("its sections are not paced by a clock",
            "give `# sections: clock` and `# sections-per-cycle`, with columns cycle and section");
   }
-  if (!record.stimulus_period_cycles) refuse("it names no stimulus period", "give `# stimulus-period-cycles: P`");
+  if (!record.stimulus_period_cycles)
+    refuse("it names no stimulus period", "give `# stimulus-period-cycles: P`, or add --any");
   if (record.inputs.size() != 1) {
     refuse("harmonic transfer functions are identified for one input at a time", "keep one column in `# inputs`");
   }

@@ -112,77 +112,82 @@ Identified identify_beside(const M& m, const Record& record, const IdentifyOptio
   r.sections = "clock";
   r.title = "isochrons";
   describe_channels<M>(r);
-  r.id = identify_record(record, o.campaign.harmonics);
+  if (o.any || o.stimulus != "multisine") {
+    r.any = identify_any_stimulus(record, {o.multipliers, o.plan.period, o.plan.band, o.campaign.harmonics});
+    r.id = std::move(r.any->id);
+    if (!usable(r.any->status)) {
+      throw RecordError(record.name, "least squares found no multipliers that explain it",
+                        "seek another number of them, --count, or record a stronger stimulus");
+    }
+  } else {
+    r.id = identify_record(record, o.campaign.harmonics);
+  }
+  double decay = 1.0;  // unknown: nothing has settled for sure
+  int count = 2;
+  std::unique_ptr<LdtpOf<M, sections_per_cycle>> system;
   if constexpr (clocked<M>) {
-    const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
+    system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
     const auto orbit =
         find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), ClockPhases{sections_per_cycle}, *system);
     if (orbit.status == Status::ok) {
-      compare<M>(r, *system);
+      const auto multipliers = nonzero_multipliers(system->monodromy(0));
+      count = static_cast<int>(multipliers.size());
+      decay = 0.0;
+      for (const Complex& z : multipliers) decay = std::max(decay, std::abs(z));
     } else {
       r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
+      system.reset();
     }
+  }
+  if (!r.any) refine(r, record, o, decay, count);
+  if (system) compare<M>(r, *system);
+  if (r.any) {
+    r.best.multipliers = r.any->multipliers;
+    r.best.sigma = r.any->sigma;
+    r.fits.clear();  // their lines are not independent of one another
   }
   return r;
 }
 
 template <class M>
-void run_record(const M& m, const IdentifyOptions& o, bool quiet) {
-  const Record record = read_any_record(o.record, M::name);
+void run_record(const M& m, const Record& record, const IdentifyOptions& o, bool quiet) {
   match_channels<M>(record);
   if constexpr (clocked<M>) match_period(record, timebase_of(m, o.model.ticks).period);
   const Identified r = identify_beside(m, record, o);
   if (!quiet) {
-    std::printf("%s: %zu rows, %d sections a cycle, stimulus period %d cycles; %lld samples used, %lld missing\n",
-                o.record.c_str(), record.rows(), r.id.sections, r.id.period, static_cast<long long>(r.id.samples),
-                static_cast<long long>(r.id.missing));
+    const std::string from = o.record.empty() ? std::string(M::name) + ", " + o.stimulus : o.record;
+    std::printf("%s: %zu rows, %d sections a cycle, %s %d cycles; %lld samples used, %lld missing\n", from.c_str(),
+                record.rows(), r.id.sections, r.any ? "any stimulus, lines of" : "stimulus period", r.id.period,
+                static_cast<long long>(r.id.samples), static_cast<long long>(r.id.missing));
     print_notes(r);
     print_standard_errors(r);
     print_multipliers(r);
   }
   nlohmann::json json = json_of(r);
   json["model"] = M::name;
-  json["record"] = o.record;
+  json["record"] = o.record.empty() ? o.save : o.record;
   if (o.confidence.wanted()) report_confidence(r, o.confidence, quiet, json);
   if (!o.pictures.empty()) write_pictures(o.pictures, panels_of(r), quiet);
-  if (!o.csv.empty()) write_text(o.csv, csv_of(r));
+  if (!o.csv.empty()) write_text(o.csv, csv_of(r, o.coherence));
   if (!o.json.empty()) write_json(o.json, json);
-}
-
-Record new_record(std::string_view model, const Plan& plan, const IdentifyOptions& o, double period, const auto& inputs,
-                  const auto& outputs) {
-  Record r;
-  r.model = model;
-  r.sections = "clock";
-  r.sections_per_cycle = plan.options.sections;
-  r.cycle_period = period;
-  r.stimulus_period_cycles = plan.options.period;
-  r.settle_cycles = static_cast<int>(o.campaign.settle);
-  for (const Quantity& q : inputs) r.inputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  for (const Quantity& q : outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  return r;
 }
 
 template <class M>
 void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   const bool paper = o.protocol == "paper";
-  Plan plan;
-  try {
-    plan = make_plan(o.plan);
-  } catch (const std::invalid_argument& e) {
-    throw UsageError(e.what());
-  }
+  const Plan plan = plan_of(o.plan, o.design);
   if (!quiet) {
     std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = %g, %g %s a tone%s\n",
                 std::string(M::name).c_str(), plan.experiments.size(), static_cast<long long>(o.campaign.settle),
-                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines(), o.plan.band, o.plan.amplitude,
-                std::string(M::inputs[0].unit).c_str(), o.plan.opposed ? ", each also with its sign reversed" : "");
+                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines() / o.design.realisations,
+                o.plan.band, o.plan.amplitude, std::string(M::inputs[0].unit).c_str(),
+                o.plan.opposed ? ", each also with its sign reversed" : "");
   }
   std::vector<Identified> families;
   std::vector<HtfPanel> panels;
   std::vector<MultiplierRegion> regions;
   nlohmann::json json = nlohmann::json::array();
-  Record record = new_record(M::name, plan, o, timebase_of(m, o.model.ticks).period, M::inputs, M::outputs);
+  Record record = blank_record<M>(plan, o.campaign.settle, timebase_of(m, o.model.ticks).period);
   o.sections.visit<M>([&](const auto& family) {
     IdentifyOptions own = o;  // noise of its own: what both families tell is to be compared
     own.campaign.seed += std::uint64_t{families.size()} << 32;
@@ -215,19 +220,35 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
   for (const Identified& r : families) {
     if (o.csv.empty()) break;
-    write_text(&r == &families.front() ? o.csv : beside(o.csv, r.sections), csv_of(r));
+    write_text(&r == &families.front() ? o.csv : beside(o.csv, r.sections), csv_of(r, o.coherence));
   }
   if (!o.json.empty()) write_json(o.json, json.size() == 1 ? json[0] : json);
 }
 
 // With --record the machine has been driven already: what would drive it does not apply.
-void check_record_options(const CLI::App& command) {
+void check_record_options(const CLI::App& command, bool any) {
   for (const char* option :
-       {"--link", "--log", "--rate", "--protocol", "--sections", "--kinematic", "--period", "--band", "--amplitude",
-        "--seed", "--subsets", "--settle", "--periods", "--noise", "--watch", "--false-alarm", "--save"}) {
+       {"--link",       "--log",       "--rate",         "--protocol",    "--sections", "--kinematic",
+        "--period",     "--band",      "--amplitude",    "--seed",        "--subsets",  "--tones",
+        "--odd",        "--detection", "--realisations", "--crest",       "--peak",     "--ladder",
+        "--distortion", "--stimulus",  "--cycles",       "--ramp",        "--settle",   "--periods",
+        "--noise",      "--jitter",    "--watch",        "--false-alarm", "--save"}) {
     if (command.count(option) == 0) continue;
+    if (any && (option == std::string_view("--period") || option == std::string_view("--band"))) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");
+  }
+}
+
+void check_ladder(const IdentifyOptions& o) {
+  if (o.ladder.empty()) return;
+  if (o.ladder.size() < 2) throw UsageError("--ladder: give two amplitudes or more");
+  for (const double a : o.ladder) {
+    if (!(a > 0.0) || !std::isfinite(a)) throw UsageError("--ladder " + number(a) + ": give positive numbers");
+  }
+  if (!o.link.inproc() || !o.save.empty()) {
+    throw UsageError(
+        "--ladder: it is one campaign after the other on an emulated machine; leave out --link and --save");
   }
 }
 
@@ -242,7 +263,7 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   } else if (untouched("--subsets")) {
     o.plan.opposed = true;
   }
-  if (!o.record.empty()) check_record_options(command);
+  if (!o.record.empty()) check_record_options(command, o.any);
   if (!o.record.empty() && !is_event_log(o.record)) {
     const Record record = read_record(std::filesystem::path(o.record));
     if (!record.clock_paced() && record.sections != "clock") {
@@ -269,10 +290,29 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   }
   const bool noisy = std::all_of(o.campaign.noise.begin(), o.campaign.noise.end(), [](double x) { return x > 0.0; });
   if (untouched("--watch") && o.link.inproc() && noisy) o.campaign.watch = o.campaign.noise;
+  if (!(o.campaign.jitter >= 0.0) || !std::isfinite(o.campaign.jitter)) {
+    throw UsageError("--jitter: a standard deviation is a finite number of seconds, 0 or above");
+  }
+  if (o.campaign.ramp > o.campaign.settle) {
+    throw UsageError("--ramp: the stimulus grows while the machine settles; give no more than --settle cycles");
+  }
+  check_ladder(o);
+  // The paper drops what has not settled.
+  if (untouched("--transient") && o.protocol == "paper") o.transient = "drop";
+  const bool played = o.stimulus != "multisine";
+  if ((played || o.distortion) && (!o.link.inproc() || o.sections.family == "both")) {
+    throw UsageError(
+        "--stimulus, --distortion: they are for an emulated machine and one family of sections; leave out "
+        "--link and --sections both");
+  }
+  if (played && (o.distortion || !o.ladder.empty() || o.sections.family != "clock")) {
+    throw UsageError("--stimulus " + o.stimulus +
+                     ": it is one experiment paced by the clock; leave out --distortion, " + "--ladder and --sections");
+  }
   o.campaign.on_drift = [](const Drift& d) { std::fprintf(stderr, "saltus: drift: %s\n", d.story().c_str()); };
   o.campaign.ticks = o.model.ticks;
   o.campaign.seed = o.plan.seed;
-  if (untouched("--periods") && !o.campaign.noise.empty()) o.campaign.periods = 4;
+  if (untouched("--periods") && (!o.campaign.noise.empty() || o.campaign.jitter > 0.0)) o.campaign.periods = 4;
   if (!o.link.inproc() && o.sections.family == "both") {
     throw UsageError("--link " + o.link.url + ": the machine keeps one family of sections; add --sections clock");
   }
@@ -287,10 +327,16 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
         throw UsageError("--watch: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
                          " outputs; give the noise of each");
       }
-      if (o.record.empty()) {
+      if (o.distortion) {
+        identify_distortion(o, quiet);
+      } else if (played) {
+        const Record record = play_any_stimulus(o);
+        run_record(m, record, o, quiet);
+        if (!o.save.empty()) write_record(std::filesystem::path(o.save), record);
+      } else if (o.record.empty()) {
         run_rig(m, o, quiet);
       } else {
-        run_record(m, o, quiet);
+        run_record(m, read_any_record(o.record, M::name), o, quiet);
       }
     } else {
       throw RunError(std::string(M::name) + " has no input to drive; choose a model that has one");
@@ -346,6 +392,41 @@ void add_identify(CLI::App& app) {
   add_plan_options(*command, o->plan);
   command->add_option("--subsets", o->plan.subsets, "deal the lines at random into so many experiments")
       ->check(CLI::Range(1, 4096));
+  add_design_options(*command, o->design);
+  command
+      ->add_option(
+          "--ladder", o->ladder,
+          "amplitudes of a tone, in the unit of the input: one campaign at each, every H_m extrapolated to zero")
+      ->delimiter(',');
+  command->add_flag("--distortion", o->distortion,
+                    "play one odd stimulus, and tell distortion of even and odd order and noise on its silent lines");
+  command
+      ->add_option("--stimulus", o->stimulus,
+                   "chirp, prbs: one long experiment with a sweep or a random binary sequence of --amplitude")
+      ->check(CLI::IsMember({"multisine", "chirp", "prbs"}))
+      ->capture_default_str();
+  command->add_option("--cycles", o->cycles, "length of the experiment of --stimulus chirp or prbs")
+      ->check(CLI::Range(20, 100000))
+      ->capture_default_str();
+  command->add_flag(
+      "--any", o->any,
+      "with --record: identify from any stimulus by least squares, repeats or not; --period and --band choose the "
+      "lines");
+  command->add_option("--count", o->multipliers, "with --any: non-zero multipliers to seek")
+      ->check(CLI::Range(1, 4))
+      ->capture_default_str();
+  command
+      ->add_option("--transient", o->transient,
+                   "drop the settling cycles, or model the decay too; auto: what is expected to be more accurate")
+      ->check(CLI::IsMember({"auto", "drop", "model"}))
+      ->capture_default_str();
+  command->add_option("--ramp", o->campaign.ramp, "cycles over which the stimulus grows, while the machine settles")
+      ->check(CLI::Range(0, 100000))
+      ->capture_default_str();
+  command
+      ->add_option("--jitter", o->campaign.jitter,
+                   "seconds by which the emulated machine's instants of measurement scatter, standard deviation")
+      ->capture_default_str();
   command->add_option("--settle", o->campaign.settle, "cycles played before listening")
       ->check(CLI::Range(0, 100000))
       ->capture_default_str();
@@ -383,6 +464,9 @@ void add_identify(CLI::App& app) {
   command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
   command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
       ->type_name("FILE");
+  command->add_flag("--correct-jitter", o->correct_jitter,
+                    "undo what instants that scatter do to smooth outputs, where they are found: see --jitter");
+  command->add_flag("--coherence", o->coherence, "add a column coherence to the CSV file");
   command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->add_option("--pictures", o->pictures, "draw htf.svg and fit.svg into FOLDER")->type_name("FOLDER");
   command->callback([o, command] { run(*o, *command); });

@@ -3,11 +3,16 @@
 
 #include <cstdio>
 #include <filesystem>
+#include <optional>
 
+#include "../any_stimulus.hpp"
 #include "../campaign.hpp"
 #include "../eigenvalues.hpp"
+#include "../jitter.hpp"
+#include "../ladder.hpp"
 #include "../multipliers_from_htf.hpp"
 #include "../report/htf_figures.hpp"
+#include "../transient.hpp"
 #include "confidence.hpp"
 #include "link.hpp"
 #include "plan_options.hpp"
@@ -19,10 +24,17 @@ struct IdentifyOptions {
   ModelChoice model;
   SectionChoice sections;
   PlanOptions plan;
+  DesignOptions design;
+  std::vector<double> ladder;  // [input unit] amplitudes, extrapolated to zero
   CampaignOptions campaign;
   ConfidenceOptions confidence;
   LinkOptions link;
   std::string protocol = "optimal";
+  std::string transient = "auto";      // drop, model
+  std::string stimulus = "multisine";  // chirp, prbs
+  std::int64_t cycles = 400;           // of a chirp or a binary sequence
+  bool any = false, distortion = false, coherence = false, correct_jitter = false;
+  int multipliers = 2;  // sought in a record of any stimulus
   std::string record, save, csv, json, pictures;
 };
 
@@ -38,7 +50,11 @@ struct Identified {
   std::vector<Complex> model_multipliers;  // non-zero ones of the model's return map
   std::vector<MultiplierFit> fits;         // of each output: two poles, then image poles where the lines suffice
   MultiplierFit best;
-  std::optional<Bounds> rank_bounds;  // of the model's return map
+  std::optional<Bounds> rank_bounds;          // of the model's return map
+  std::optional<TransientRemoval> transient;  // where some was left by settling
+  std::optional<TimingJitter> jitter;         // where repeats tell of it
+  std::optional<Ladder> ladder;
+  std::optional<AnyStimulusFit> any;  // but for its estimates, which are id
 
   // Norms over the lines, root of the sum of squares: of H_m exact, of H_m identified, of their difference.
   struct Norms {
@@ -48,7 +64,28 @@ struct Identified {
 };
 
 std::vector<HtfPanel> panels_of(const Identified& id);
-std::string csv_of(const Identified& id);
+std::string csv_of(const Identified& id, bool coherence = false);
+// A record of a campaign, without rows.
+template <class M>
+Record blank_record(const Plan& plan, std::int64_t settle, double period) {
+  Record r;
+  r.model = M::name;
+  r.sections = "clock";
+  r.sections_per_cycle = plan.options.sections;
+  r.cycle_period = period;
+  r.stimulus_period_cycles = plan.options.period;
+  r.settle_cycles = static_cast<int>(settle);
+  for (const Quantity& q : M::inputs) r.inputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  for (const Quantity& q : M::outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
+  return r;
+}
+// What every sample tells beyond the lines: takes out a transient of `count` multipliers that settling leaves, where
+// `decay` [-] is what a cycle leaves of it, and finds instants that scatter.
+void refine(Identified& r, const Record& record, const IdentifyOptions& o, double decay, int count);
+// The nonlinear distortion of an odd stimulus, on the lines that it leaves silent.
+void identify_distortion(const IdentifyOptions& o, bool quiet);
+// The record of an emulated machine under a chirp or a binary sequence.
+Record play_any_stimulus(const IdentifyOptions& o);
 nlohmann::json json_of(const Identified& id);
 void print_notes(const Identified& id);
 void print_errors(const Identified& id);
@@ -103,29 +140,55 @@ template <class M, class Family, class... Play>
 Identified identify_rig(const M& m, const Family& family, const IdentifyOptions& o, const Plan& plan, Record* record,
                         Play&&... given) {
   Progress progress(std::string(M::name) + ", " + title_of(family));
-  CampaignOptions options = o.campaign;
-  if (sizeof...(Play) > 0) options.jobs = 1;  // there is one machine
-  const auto campaign = run_campaign(
-      m, family, plan, options, record, [&](double fraction) { progress.at(fraction); }, given...);
-  if (campaign->orbit.status != Status::ok) {
-    throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
-  }
-  if (!(campaign->decay < attracting)) {
-    throw RunError(std::string(M::name) +
-                   ": its limit cycle does not attract, so that no experiment settles (a cycle " + "leaves " +
-                   number(campaign->decay) + " of a deviation); change --set");
-  }
-  if (!usable(campaign->id.worst)) {
-    const Status worst = campaign->id.worst;  // failed: far from it, and no status of the machine says why
-    throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign" +
-                   (worst == Status::failed ? "" : " (" + std::string(name(worst)) + ")") + "; lower --amplitude");
-  }
+  constexpr std::size_t samples_kept = 4'000'000;
+  const auto length =
+      static_cast<std::size_t>((o.campaign.settle + o.campaign.periods * plan.options.period) * plan.options.sections);
+  const bool keep = plan.experiments.size() * length <= samples_kept;
+  const std::size_t rungs = std::max<std::size_t>(1, o.ladder.size());
+  std::vector<Identification> ids;
   Identified r;
   r.sections = name_of(family);
   r.title = title_of(family);
   describe_channels<M>(r);
-  r.id = std::move(campaign->id);
-  compare<M>(r, campaign->system);
+  for (std::size_t rung = 0; rung < rungs; ++rung) {
+    const Plan played = o.ladder.empty() ? plan : scaled(plan, o.ladder[rung]);
+    CampaignOptions options = o.campaign;
+    options.seed += 15485863 * rung;
+    if (sizeof...(Play) > 0) options.jobs = 1;  // there is one machine
+    Record own;
+    if (keep && record == nullptr) own = blank_record<M>(plan, o.campaign.settle, timebase_of(m, o.model.ticks).period);
+    Record* const kept = record != nullptr ? record : keep ? &own : nullptr;
+    const auto campaign = run_campaign(
+        m, family, played, options, kept,
+        [&](double fraction) { progress.at((static_cast<double>(rung) + fraction) / static_cast<double>(rungs)); },
+        given...);
+    if (campaign->orbit.status != Status::ok) {
+      throw RunError(no_orbit(M::name, campaign->orbit.status, Family::on_grid));
+    }
+    if (!(campaign->decay < attracting)) {
+      throw RunError(std::string(M::name) +
+                     ": its limit cycle does not attract, so that no experiment settles (a cycle " + "leaves " +
+                     number(campaign->decay) + " of a deviation); change --set");
+    }
+    if (!usable(campaign->id.worst)) {
+      const Status worst = campaign->id.worst;  // failed: far from it, and no status of the machine says why
+      throw RunError(std::string(M::name) + ": the machine left its cycle during the campaign" +
+                     (worst == Status::failed ? "" : " (" + std::string(name(worst)) + ")") + "; lower --amplitude");
+    }
+    r.id = std::move(campaign->id);
+    if (kept != nullptr) {
+      refine(r, *kept, o, campaign->decay, static_cast<int>(nonzero_multipliers(campaign->system.monodromy(0)).size()));
+    }
+    ids.push_back(std::move(r.id));
+    if (rung + 1 < rungs) continue;
+    r.id = std::move(ids.back());
+    if (rungs > 1) {
+      ids.back() = r.id;
+      r.ladder = Ladder{o.ladder, {}, 0};
+      r.id = extrapolate(ids, *r.ladder);
+    }
+    compare<M>(r, campaign->system);
+  }
   return r;
 }
 

@@ -4,6 +4,7 @@
 #include <map>
 #include <numbers>
 
+#include "core/spectrum/noise.hpp"
 #include "identify.hpp"
 
 namespace saltus::program {
@@ -24,6 +25,12 @@ std::string join(const std::vector<Complex>& values, int digits) {
     if (z.imag() > 0.0) s += " +- " + number(z.imag(), ("%." + std::to_string(digits) + "f").c_str()) + " i";
   }
   return s.empty() ? "none" : s;
+}
+
+// Of the periods that an estimate rests on.
+double coherence_of(const HtfEstimate& h, int period) {
+  const std::int64_t periods = std::max(1, h.cycles / period);
+  return coherence(h.value, h.sigma * h.sigma * static_cast<double>(periods), periods);
 }
 
 const MultiplierFit* find_fit(const Identified& id, const char* form, int output) {
@@ -83,13 +90,15 @@ std::vector<HtfPanel> panels_of(const Identified& r) {
   return panels;
 }
 
-std::string csv_of(const Identified& r) {
-  std::string csv = "m,f,output,re,im,sigma,cycles\n";
+std::string csv_of(const Identified& r, bool with_coherence) {
+  std::string csv = std::string("m,f,output,re,im,sigma,cycles") + (with_coherence ? ",coherence\n" : "\n");
   for (const HtfEstimate& h : r.id.htf) {
     csv += std::to_string(h.m) + "," + number(static_cast<double>(h.line) / r.id.period, "%.9g") + "," +
            r.outputs[at(h.output)] + "," + number(h.value.real(), "%.12e") + "," + number(h.value.imag(), "%.12e") +
-           "," + (std::isfinite(h.sigma) ? number(h.sigma, "%.4e") : std::string{}) + "," + std::to_string(h.cycles) +
-           "\n";
+           "," + (std::isfinite(h.sigma) ? number(h.sigma, "%.4e") : std::string{}) + "," + std::to_string(h.cycles);
+    if (with_coherence)
+      csv += "," + (std::isfinite(h.sigma) ? number(coherence_of(h, r.id.period), "%.6g") : std::string{});
+    csv += "\n";
   }
   return csv;
 }
@@ -152,13 +161,63 @@ nlohmann::json json_of(const Identified& r) {
                         {"re", h.value.real()},
                         {"im", h.value.imag()},
                         {"sigma", finite(h.sigma)},
+                        {"coherence", finite(coherence_of(h, r.id.period))},
                         {"cycles", h.cycles}});
+  }
+  if (r.transient) {
+    j["transient"] = {{"modelled", r.transient->removed},
+                      {"expected_error", finite(r.transient->removed ? r.transient->modelled : r.transient->dropped)},
+                      {"expected_error_dropped", finite(r.transient->dropped)},
+                      {"expected_error_modelled", finite(r.transient->modelled)},
+                      {"multipliers", nlohmann::json::array()}};
+    for (const Complex& z : r.transient->multipliers)
+      j["transient"]["multipliers"].push_back({{"re", z.real()}, {"im", z.imag()}});
+  }
+  if (r.jitter) {
+    j["timing_jitter_s"] = {
+        {"value", r.jitter->seconds}, {"sigma", finite(r.jitter->sigma)}, {"found", r.jitter->found}};
+  }
+  if (r.ladder) {
+    j["ladder"] = {{"amplitudes", r.ladder->amplitude}, {"degrees", r.ladder->degree}, {"misfits", r.ladder->misfits}};
+  }
+  if (r.any) {
+    j["any_stimulus"] = {{"condition", r.any->condition}, {"noise", nlohmann::json::object()}};
+    for (std::size_t c = 0; c < r.outputs.size(); ++c) j["any_stimulus"]["noise"][r.outputs[c]] = r.any->noise[c];
   }
   return j;
 }
 
 void print_notes(const Identified& r) {
   for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+  if (r.transient && std::isfinite(r.transient->modelled)) {
+    const TransientRemoval& t = *r.transient;
+    std::printf("  transient %s: expected error of the response %.2g, %.2g had it been %s\n",
+                t.removed ? "modelled" : "dropped", t.removed ? t.modelled : t.dropped,
+                t.removed ? t.dropped : t.modelled, t.removed ? "dropped" : "modelled");
+  } else if (r.transient) {
+    std::printf("  transient dropped: the experiments are too short to model it\n");
+  }
+  if (r.jitter && r.jitter->found) {
+    std::printf("  sections are met at instants that scatter by %.3g s +- %.1g\n", r.jitter->seconds, r.jitter->sigma);
+  }
+  if (r.ladder) {
+    std::printf(
+        "  extrapolated to amplitude zero from %zu amplitudes: %d estimates of degree 0, %d of 1, %d of 2 in its "
+        "square; %d fit none\n",
+        r.ladder->amplitude.size(), r.ladder->degree[0], r.ladder->degree[1], r.ladder->degree[2], r.ladder->misfits);
+  }
+  if (r.any) {
+    std::printf("  condition of the regressors %.3g%s; noise", r.any->condition,
+                r.any->condition > 1e6 ? ", the input leaves directions untold" : "");
+    for (std::size_t c = 0; c < r.outputs.size(); ++c) {
+      std::printf("%s %s %.3g %s", c == 0 ? "" : ",", r.outputs[c].c_str(), r.any->noise[c], r.output_units[c].c_str());
+    }
+    std::printf("\n");
+    for (std::size_t i = 0; i < r.any->multipliers.size(); ++i) {
+      std::printf("  multiplier %s, standard error %.1e\n",
+                  complex_number(r.any->multipliers[i].real(), r.any->multipliers[i].imag()).c_str(), r.any->sigma[i]);
+    }
+  }
   if (!r.id.watched) return;
   if (r.id.drifts.empty()) {
     std::printf("  the residual against the model stayed within its noise band\n");

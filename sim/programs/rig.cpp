@@ -44,6 +44,8 @@ void add_rig(CLI::App& app) {
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
   command->add_option("--delay", o->delay, "sections that the input acts late")->check(CLI::Range(0, 63));
+  command->add_option("--jitter", o->jitter, "seconds by which its instants of measurement scatter, standard deviation")
+      ->check(CLI::Range(0.0, 1.0));
   command->add_option("--seed", o->seed, "of the noise")->capture_default_str();
   command->callback([o] { run(*o); });
 }

@@ -18,6 +18,7 @@ struct RigOptions {
   std::vector<double> noise, quantum;
   std::vector<std::string> effects;
   int delay = 0;
+  double jitter = 0.0;  // [s]
   std::uint64_t seed = 1;
 };
 
@@ -190,6 +191,7 @@ void serve_model(const M& m, const Family& family, const RigOptions& o) {
   const auto rig =
       std::make_unique<Rig<M, Family>>(m, base, family, start, one_an_output<M>(o.noise, "--noise"), o.seed);
   rig->degrade(one_an_output<M>(o.quantum, "--quantum"), o.delay);
+  rig->jitter(o.jitter);
 
   const StopSignal signals;
   o.link.set_up();
