@@ -16,6 +16,7 @@ namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 constexpr double close = 6.0;            // [-] BIC: no telling
+constexpr double no_worse = 1.1;         // [-] of the error of predicting what was left out
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
 const std::string no_run = "it is too short, or everywhere an error of the start grows more than twentyfold.";
 constexpr double noise_like = 1.5;  // [-] of the sensors' noise: nothing is missing
@@ -170,14 +171,20 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   f.refit = search.base().fit;
   f.part = search.result();
   f.ties = search.ties();
-  // Of what the likelihood cannot tell apart the better one predicts better what it was not fitted to.
-  const auto foresees = [](const Selection::Tie& a, const Selection::Tie& b) { return a.predicted < b.predicted; };
-  std::vector<Selection::Tie> near;
-  std::copy_if(f.ties.begin(), f.ties.end(), std::back_inserter(near),
-               [](const Selection::Tie& t) { return t.above < close && t.predicted < 0.98; });
-  if (!near.empty()) {
-    f.part = search.prefer(*std::min_element(near.begin(), near.end(), foresees));
+  // Between a drag linear in speed and a quadratic one that the record cannot tell apart, the linear one.
+  const auto law_and_port = [&](int c) {
+    const std::string n = name_of(machine, c);
+    const std::size_t at = std::min(n.find('@'), n.size());
+    return std::pair(n.substr(0, at), n.substr(at));
+  };
+  for (const Selection::Tie& t : f.ties) {
+    const auto [law, port] = law_and_port(t.from);
+    const auto [other, its_port] = law_and_port(t.to);
+    if (law != "quadratic_drag" || other.rfind("viscous_", 0) != 0 || port != its_port) continue;
+    if (t.above > close || !(t.predicted < no_worse)) continue;
+    f.part = search.prefer(t);
     f.ties = search.ties();
+    break;
   }
   f.left = search.evidence_of(f.part);
   f.before = search.base_evidence();

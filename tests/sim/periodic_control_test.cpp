@@ -14,7 +14,7 @@ using namespace saltus;
 
 namespace {
 
-constexpr int N = 32;
+constexpr int sections = 32;
 
 }  // namespace
 
@@ -42,29 +42,29 @@ TEST_CASE("a scalar system: the regulator of the textbook", "[control]") {
 
 TEST_CASE("the hopper, pushed off its cycle, comes back faster under the model identified from its HTFs", "[control]") {
   const Hopper<> m;
-  const ClockPhases family{N};
+  const ClockPhases family{sections};
   const Timebase base = timebase_of(m, 512);
-  LdtpOf<Hopper<>, N> exact;
-  const auto orbit = find_orbit<N>(m, base, family, exact);
+  LdtpOf<Hopper<>, sections> exact;
+  const auto orbit = find_orbit<sections>(m, base, family, exact);
   REQUIRE(orbit.status == Status::ok);
   HtfTable t;
-  t.sections = N;
+  t.sections = sections;
   t.outputs = 2;
   for (int q = 1; q < 160; ++q) {
     const double omega = 2.0 * std::numbers::pi * q / 512;
     const auto h = htf(exact, omega);
-    Eigen::MatrixXcd value(N, 2);
-    for (int k = 0; k < N; ++k) value.row(k) = h(k).col(0).transpose();
+    Eigen::MatrixXcd value(sections, 2);
+    for (int k = 0; k < sections; ++k) value.row(k) = h(k).col(0).transpose();
     t.omega.push_back(omega);
     t.value.push_back(value);
-    t.sigma.emplace_back(Eigen::MatrixXd::Zero(N, 2));
+    t.sigma.emplace_back(Eigen::MatrixXd::Zero(sections, 2));
   }
-  Ldtp<4, 1, 2, N> model;
+  Ldtp<4, 1, 2, sections> model;
   REQUIRE(copy_to(realise(t).model, model));
   ControlWeights<1, 2> weights;
   weights.output = Vec<2>(1e4, 1e2).asDiagonal();
   weights.noise = Vec<2>(1e-6, 3.6e-5).asDiagonal();
-  PeriodicController<4, 1, 2, N> controller;
+  PeriodicController<4, 1, 2, sections> controller;
   REQUIRE(controller.design(model, weights) == Status::ok);
 
   const auto left_after = [&](bool controlled, int cycles) {
@@ -74,19 +74,19 @@ TEST_CASE("the hopper, pushed off its cycle, comes back faster under the model i
     run.at.x[0] += 0.02;
     double square = 0.0;
     std::int64_t allocated = 0;
-    for (int n = 0; n < cycles * N; ++n) {
-      const int section = n % N;
+    for (int n = 0; n < cycles * sections; ++n) {
+      const int section = n % sections;
       const auto s = static_cast<std::size_t>(section);
       const Vec<2> y = output_at(m, run.at, Input<Hopper<>>(Input<Hopper<>>::Zero())) - orbit.output[s];
       const test::AllocationCount count;
       const Vec<1> u = controller.step(section, y);
       allocated += count();
-      if (n >= (cycles - 1) * N) square += y[0] * y[0];
+      if (n >= (cycles - 1) * sections) square += y[0] * y[0];
       REQUIRE(usable(to_next_section(m, run, section, Input<Hopper<>>(controlled ? u[0] : 0.0), base, family,
                                      [](const Point<Hopper<>>&, const Passage&) {})));
     }
     CHECK(allocated == 0);
-    return std::sqrt(square / N);
+    return std::sqrt(square / sections);
   };
   const double free_fall = left_after(false, 4), held = left_after(true, 4);
   INFO(free_fall << " " << held);

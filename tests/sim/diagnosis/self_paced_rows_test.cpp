@@ -43,7 +43,7 @@ Record leg(const std::vector<std::pair<std::string, double>>& truth, double seco
   return r;
 }
 
-Diagnosis judged(const Record& r, const Options& o = {}) {
+Diagnosis concluded(const Record& r, const Options& o = {}) {
   const auto m = make_machine(r.model);
   return diagnose(r, *m, o);
 }
@@ -62,7 +62,7 @@ TEST_CASE("a tenth of the rows lost: the stretches stay whole and the frictions 
   const Stretches s = cut_into_stretches(r, *make_machine("leg_bench"), {});
   CHECK(s.origin.size() <= 13);
   CHECK(s.origin.back().end > 23.5);
-  const Diagnosis d = judged(r);
+  const Diagnosis d = concluded(r);
   CHECK(d.verdict == Verdict::effect_found);
   CHECK(d.effects.size() == 2);
   CHECK(std::abs(value_of(d, "viscous_damper@hip") - 0.0015) < 3e-4);
@@ -73,7 +73,7 @@ TEST_CASE("a tenth of the rows lost: the stretches stay whole and the frictions 
 TEST_CASE("four seconds are enough to say how well a model with what was found elsewhere predicts", "[self-paced]") {
   Options o;
   o.set = {{"viscous_damper@hip", 0.0015}, {"coulomb_friction@hip", 0.006}};
-  const Diagnosis with = judged(leg(o.set, 4.2, 0.0, 8), o), without = judged(leg(o.set, 4.2, 0.0, 8));
+  const Diagnosis with = concluded(leg(o.set, 4.2, 0.0, 8), o), without = concluded(leg(o.set, 4.2, 0.0, 8));
   CHECK(with.effects.empty());
   CHECK((with.verdict == Verdict::no_discrepancy || with.verdict == Verdict::parameters_only));
   REQUIRE_FALSE(with.self_paced.runs.empty());
@@ -83,7 +83,7 @@ TEST_CASE("four seconds are enough to say how well a model with what was found e
 }
 
 TEST_CASE("dry friction and a constant torque are not called a friction that pushes one way", "[self-paced]") {
-  const Diagnosis d = judged(leg({{"coulomb_friction@hip", 0.004}, {"constant_force@hip", 0.008}}, 24.0, 0.0, 9));
+  const Diagnosis d = concluded(leg({{"coulomb_friction@hip", 0.004}, {"constant_force@hip", 0.008}}, 24.0, 0.0, 9));
   CHECK(d.verdict == Verdict::effect_found);
   CHECK(std::abs(value_of(d, "coulomb_friction@hip") - 0.004) < 4e-4);
   CHECK(std::isnan(value_of(d, "asymmetric_coulomb@hip")));
