@@ -233,7 +233,7 @@ TEST_CASE("orbit: of a cycle run through several times the multipliers are power
   }
 }
 
-TEST_CASE("orbit: where numbers cannot tell a rank a theorem does, or it is not told; stability may be all the same") {
+TEST_CASE("orbit: where numbers cannot tell a rank a theorem does, or it is not told, though stability may be") {
   const Folder folder;
   // Three multipliers over eight decades: the last singular value is no more than rounding, the rank is the theorem's.
   for (const auto& [slope, largest] : {std::pair{"slope=0.09", -216.3468523}, {"slope=0.086", 74.8207037}}) {
