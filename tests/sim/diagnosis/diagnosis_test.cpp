@@ -83,6 +83,29 @@ TEST_CASE("one effect: its name, its size, and an error that falls to the noise 
   CHECK(j["error"]["rms"]["y_M"]["unit"] == "m");
 }
 
+TEST_CASE("a large delay of the sensors, which the parameters imitate when they are refitted first, is one effect",
+          "[diagnose]") {
+  Campaign c;
+  c.experiments = 3;
+  c.period = 32;
+  c.settle = 24;
+  c.noise = {1e-3, 6e-3};
+  const Diagnosis d = judged(made({{"sensor_delay", 0.0077}}, 1001, c));
+  CAPTURE(name(d.verdict));
+  CHECK((d.verdict == Verdict::effect_found || d.verdict == Verdict::ambiguous));
+  REQUIRE(d.effects.size() == 1);  // not an input's delay and a clock set off, which together are the same
+  CHECK(d.effects[0].name == "sensor_delay");
+  CHECK(std::abs(d.effects[0].value - 0.0077) < 5e-4);
+  double refitted = 0.0;  // without it
+  for (const ParameterRow& p : d.parameters) {
+    if (p.tolerance > 0.0) refitted = std::max(refitted, std::abs(p.refitted - p.declared) / p.tolerance);
+  }
+  CHECK(refitted > 4.0);
+  for (const ParameterRow& p : d.parameters) {
+    if (p.tolerance > 0.0) CHECK(std::abs(p.with_effect - p.declared) < 4.0 * p.tolerance);
+  }
+}
+
 TEST_CASE("an effect of no library: unexplained, not the nearest name", "[diagnose]") {
   const Diagnosis d = judged(made({{"force_profile@leg/5", 1.5}, {"force_profile@leg/12", -1.0}}, 14));
   CHECK(d.verdict == Verdict::unexplained);
@@ -148,7 +171,8 @@ TEST_CASE("drops, outliers and coarse sensors do not change the verdict, and are
   CHECK(d.quality.outliers > 0);
 }
 
-TEST_CASE("steps far coarser than the noise: nothing is invented, and an effect keeps its name and size", "[diagnose]") {
+TEST_CASE("steps far coarser than the noise: nothing is invented, and an effect keeps its name and size",
+          "[diagnose]") {
   Campaign c = short_campaign();
   c.quantum = {1e-2, 6e-2};  // ten times the noise: repeats agree where they are wrong
   const Diagnosis none = judged(made({}, 18, c));
