@@ -80,13 +80,18 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
     bool worse = !d.self_paced.runs.empty() && d.self_paced.runs.front().data == "held out" && !any;
     if (worse) {
       const FreeRun& r = d.self_paced.runs.front();
-      double most = 0.0;
-      for (std::size_t j = 0; j < r.after.size(); ++j) most = std::max(most, r.after[j] / r.refit[j]);
-      worse = most > 1.1;
+      std::size_t j = 0;
+      for (std::size_t k = 1; k < r.after.size(); ++k) {
+        if (r.after[k] / r.refit[k] > r.after[j] / r.refit[j]) j = k;
+      }
+      worse = r.after[j] > 1.1 * r.refit[j];
+      if (worse)
+        d.notes.push_back("What was found makes free runs of " + w.p.machine->outputs[j].name +
+                          " over the held-out part worse, and those of no output clearly better.");
     }
     const bool improves = w.test.empty() || predicted || (ratio < 0.97 && !worse);
     d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
-    if (!improves)
+    if (!improves && !worse)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +
                         " refitted, " + text(d.heldout.after) + " with it, in units of the noise." + outside(w));
   } else if (quiet) {
