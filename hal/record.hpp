@@ -116,4 +116,8 @@ struct Grid {
 // Throws RecordError where the record has no sections.
 Grid on_grid(const Record& record, const Experiment& experiment);
 
+// Cycles at the start of a grid that the header calls settling. They count from cycle 0 where the experiment begins
+// there or soon after, and from its own start where it begins later than they would end.
+int settling_cycles(const Record& record, const Grid& grid);
+
 }  // namespace saltus

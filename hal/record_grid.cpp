@@ -94,4 +94,9 @@ Grid on_grid(const Record& record, const Experiment& experiment) {
   return grid;
 }
 
+int settling_cycles(const Record& record, const Grid& grid) {
+  const int settle = record.settle_cycles.value_or(0);
+  return settle > 0 && grid.first_cycle >= settle ? settle : std::max(0, settle - grid.first_cycle);
+}
+
 }  // namespace saltus

@@ -86,6 +86,15 @@ inline void append(Record& to, const Record& r) {
   for (std::size_t i = 0; i < to.inputs.size(); ++i) put(to.inputs[i].values, r.inputs[i].values);
   for (std::size_t i = 0; i < to.outputs.size(); ++i) put(to.outputs[i].values, r.outputs[i].values);
 }
+// Adds sample n of an experiment with one input, taken at section n modulo `sections` of a cycle of `period` seconds.
+void add_row(Record& r, int experiment, std::int64_t n, int sections, double period, double input, const auto& y) {
+  r.experiment.push_back(experiment);
+  r.cycle.push_back(static_cast<int>(n / sections));
+  r.section.push_back(static_cast<int>(n % sections));
+  r.t.push_back(static_cast<double>(n) * period / sections);
+  r.inputs[0].values.push_back(input);
+  for (std::size_t c = 0; c < r.outputs.size(); ++c) r.outputs[c].values.push_back(y[c]);
+}
 inline void empty(Record& r) {
   for (auto* whole : {&r.experiment, &r.cycle, &r.section}) whole->clear();
   r.t.clear();
@@ -144,9 +153,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     c.id.notes.emplace_back(note);
   }
 
-  Output<M> noise = Output<M>::Zero();
-  for (std::size_t i = 0; i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
-    noise[static_cast<int>(i)] = o.noise[i];
+  const Output<M> noise = by_output<M>(o.noise);
   std::vector<typename LineEstimator<ny>::Sample> baseline;
   for (const auto& y : c.orbit.output) {
     typename LineEstimator<ny>::Sample s{};
@@ -161,7 +168,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     return campaign;
   }
   std::vector<Station<M, Family>> stations(
-      std::clamp<std::size_t>(static_cast<std::size_t>(std::max(1, o.jobs)), 1, plan.experiments.size() + 1));
+      std::min(static_cast<std::size_t>(std::max(1, o.jobs)), plan.experiments.size() + 1));
   for (auto& station : stations) {
     station.stimulus.resize(static_cast<std::size_t>(length));
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
@@ -227,12 +234,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
       }
       if (record == nullptr) return;
       if (n == 0) empty(rows);
-      rows.experiment.push_back(static_cast<int>(e));
-      rows.cycle.push_back(static_cast<int>(n / plan.options.sections));
-      rows.section.push_back(static_cast<int>(n % plan.options.sections));
-      rows.t.push_back(static_cast<double>(n) * c.period / plan.options.sections);
-      rows.inputs[0].values.push_back(input);
-      for (std::size_t i = 0; i < static_cast<std::size_t>(ny); ++i) rows.outputs[i].values.push_back(y[i]);
+      add_row(rows, static_cast<int>(e), n, plan.options.sections, c.period, input, y);
     };
     const std::int64_t rising = std::min(o.ramp, o.settle) * plan.options.sections;
     std::vector<double> ramped;  // the whole experiment where it does not repeat from the start

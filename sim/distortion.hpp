@@ -43,9 +43,7 @@ Distortion measure_distortion(const M& m, const Family& family, const Multisine<
   const auto orbit = find_orbit<N>(m, base, family, *system);
   r.status = orbit.status;
   if (orbit.status != Status::ok) return r;
-  Output<M> noise = Output<M>::Zero();
-  for (std::size_t i = 0; i < o.noise.size() && i < static_cast<std::size_t>(ny); ++i)
-    noise[static_cast<int>(i)] = o.noise[i];
+  const Output<M> noise = by_output<M>(o.noise);
   std::vector<typename Estimator::Sample> baseline;
   for (const auto& y : orbit.output) {
     typename Estimator::Sample s{};

@@ -95,6 +95,7 @@ Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
   if (d.realisations < 1) refuse("--realisations: play the plan once at least");
   const std::vector<Multisine<max_tones>> base = plan.experiments;
   plan.options = options;
+  plan.realisations = d.realisations;
   plan.experiments.clear();
   std::unique_ptr<Reduction> reduction;
   if (d.crest) reduction = std::make_unique<Reduction>();
@@ -113,13 +114,9 @@ Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
         double square = 0.0;
         for (int k = 0; k < u.tones(); ++k) square += 0.5 * u.tone(k).amplitude * u.tone(k).amplitude;
         const double peak = crest_between_samples(u) * std::sqrt(square);
-        Multisine<max_tones> scaled(u.samples());
-        for (int k = 0; k < u.tones(); ++k) {
-          Tone t = u.tone(k);
-          t.amplitude *= std::min(1.0, d.peak_limit / peak);
-          if (!scaled.add(t)) refuse("--peak: give a positive number");
-        }
-        u = scaled;
+        const double factor = std::min(1.0, d.peak_limit / peak);
+        if (!std::isfinite(factor)) refuse("--peak: give a positive number");
+        u = scaled(u, factor);
       }
       plan.experiments.push_back(u);
       if (!options.opposed) continue;

@@ -25,9 +25,8 @@ struct OutputScatter {
   std::vector<double> mean, count;  // of the cycle
 };
 
-// Adds the whole stimulus periods of one experiment after its settling cycles.
-void gather(const Grid& grid, int period, int settle, std::vector<OutputScatter>& out) {
-  const int skipped = settle > 0 && grid.first_cycle >= settle ? settle : std::max(0, settle - grid.first_cycle);
+// Adds the whole stimulus periods of one experiment after the cycles that are skipped.
+void gather(const Grid& grid, int period, int skipped, std::vector<OutputScatter>& out) {
   const int repeats = (grid.cycles - skipped) / period;
   for (std::size_t o = 0; o < out.size(); ++o) {
     for (int c = 0; c < period; ++c) {
@@ -87,7 +86,8 @@ TimingJitter estimate_jitter(const Record& record) {
     o.count.resize(sections);
   }
   for (const Experiment& e : experiments(record)) {
-    gather(on_grid(record, e), *record.stimulus_period_cycles, record.settle_cycles.value_or(0), outputs);
+    const Grid grid = on_grid(record, e);
+    gather(grid, *record.stimulus_period_cycles, settling_cycles(record, grid), outputs);
   }
   // Rows: sections of the outputs, each output in units of its own scatter; unknowns: the sensors' variances, and the
   // variance of the instants in units of 1 / (largest rate)^2.

@@ -204,6 +204,9 @@ std::vector<Complex> roots_of(const VectorXd& a) {
   }
 }
 
+// A real multiplier has no error across the axis.
+bool on_the_axis(const Eigen::Matrix2d& covariance) { return covariance(1, 1) <= 1e-9 * covariance(0, 0); }
+
 double distance(const Eigen::Matrix2d& covariance, Complex d) {  // Mahalanobis, squared
   const Eigen::Vector2d v(d.real(), d.imag());
   // A real multiplier has no error across the axis: a floor of rounding keeps the ellipse an ellipse.
@@ -218,8 +221,7 @@ double MultiplierRegion::sigma(std::size_t i) const { return std::sqrt(covarianc
 namespace {
 // An ellipse of two dimensions, or an interval where the multiplier is real.
 bool inside(const Eigen::Matrix2d& covariance, Complex centre, Complex z, double level) {
-  const bool real = covariance(1, 1) <= 1e-9 * covariance(0, 0);
-  if (!real) return distance(covariance, z - centre) < -2.0 * std::log1p(-level);
+  if (!on_the_axis(covariance)) return distance(covariance, z - centre) < -2.0 * std::log1p(-level);
   return std::erf(std::abs(z.real() - centre.real()) / std::sqrt(2.0 * covariance(0, 0))) < level;
 }
 }  // namespace
@@ -359,7 +361,7 @@ double agreement(const MultiplierRegion& a, const MultiplierRegion& b, std::size
   const Eigen::Matrix2d c = a.covariance[i] + b.covariance[i];
   const Complex d = a.multipliers[i] - b.multipliers[i];
   // Two real ones differ along one axis only.
-  if (c(1, 1) <= 1e-9 * c(0, 0) && d.imag() == 0.0) return std::erfc(std::abs(d.real()) / std::sqrt(2.0 * c(0, 0)));
+  if (on_the_axis(c) && d.imag() == 0.0) return std::erfc(std::abs(d.real()) / std::sqrt(2.0 * c(0, 0)));
   return std::exp(-0.5 * distance(c, d));
 }
 

@@ -28,28 +28,32 @@ struct Plan {
   PlanOptions options;
   Clique bound;  // the certificate: so many lines exclude one another that no plan has fewer experiments
   std::vector<Multisine<max_tones>> experiments;
+  int realisations = 1;  // times that the plan is played, with other phases each time
 
-  // Tones of all experiments; an opposed pair counts once.
+  // Tones of all experiments; an opposed pair counts once, and so does what is played again.
   int lines() const {
     int n = 0;
     for (const auto& e : experiments) n += e.tones();
-    return options.opposed ? n / 2 : n;
+    return n / realisations / (options.opposed ? 2 : 1);
   }
 };
 
+// The same stimulus so many times as large, a finite number.
+inline Multisine<max_tones> scaled(const Multisine<max_tones>& u, double factor) {
+  Multisine<max_tones> v(u.samples());
+  for (int k = 0; k < u.tones(); ++k) {
+    Tone t = u.tone(k);
+    t.amplitude *= factor;
+    if (!v.add(t)) break;  // not finite
+  }
+  return v;
+}
+
 // The same stimuli at another amplitude of a tone [input unit].
 inline Plan scaled(const Plan& plan, double amplitude) {
-  Plan p{plan.options, plan.bound, {}};
+  Plan p = plan;
   p.options.amplitude = amplitude;
-  for (const auto& u : plan.experiments) {
-    Multisine<max_tones> v(u.samples());
-    for (int k = 0; k < u.tones(); ++k) {
-      Tone t = u.tone(k);
-      t.amplitude *= amplitude / plan.options.amplitude;
-      if (!v.add(t)) break;  // not finite
-    }
-    p.experiments.push_back(v);
-  }
+  for (auto& u : p.experiments) u = scaled(u, amplitude / plan.options.amplitude);
   return p;
 }
 

@@ -7,7 +7,6 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <numbers>
@@ -256,16 +255,13 @@ int rank_of_map(const MatrixXd& map) {
 }  // namespace
 
 Bounds rank_bounds(const std::vector<MatrixXd>& maps) {
-  Bounds b{0, std::numeric_limits<int>::max()};
-  int least = b.upper;
+  std::vector<int> ranks, inside;  // dimensions of the sections; the product begins and ends at the least
   for (const MatrixXd& a : maps) {
-    const int rank = rank_of_map(a);
-    b.upper = std::min(b.upper, rank);
-    b.lower += rank - static_cast<int>(a.cols());
-    least = std::min(least, static_cast<int>(a.cols()));
+    ranks.push_back(rank_of_map(a));
+    inside.push_back(static_cast<int>(a.cols()));
   }
-  b.lower = std::max(0, b.lower + least);
-  return b;
+  if (!inside.empty()) inside.erase(std::min_element(inside.begin(), inside.end()));
+  return sylvester(ranks, inside);
 }
 
 HtfTable table_of(const Identification& id, int outputs) {

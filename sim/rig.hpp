@@ -3,12 +3,24 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
+#include <span>
 
 #include "core/orbit/section_map.hpp"
 #include "core/random.hpp"
 #include "hal/link.hpp"
 
 namespace saltus {
+
+// One number for each output, zero where there are no more.
+template <class M>
+Output<M> by_output(std::span<const double> values) noexcept {
+  Output<M> all = Output<M>::Zero();
+  for (int i = 0; i < output_count<M> && static_cast<std::size_t>(i) < values.size(); ++i) {
+    all[i] = values[static_cast<std::size_t>(i)];
+  }
+  return all;
+}
 
 template <class M, class Family>
 class Rig {

@@ -322,8 +322,7 @@ TransientRemoval remove_transient(Record& record, int count, TransientChoice cho
     s.y.resize(cycles, sections * outputs);
     set_steady(s, grid.inputs[0], sections, period, cycles);
     s.first_row = e.first_row;
-    const int settle = record.settle_cycles.value_or(0);  // counted as identify_record() does
-    s.begin = settle > 0 && grid.first_cycle >= settle ? settle : std::max(0, settle - grid.first_cycle);
+    s.begin = settling_cycles(record, grid);
     s.used = s.begin < cycles ? (cycles - s.begin) / period * period : 0;
     if (s.used == 0 || s.tones.empty() || cycles - 1 < s.steady.cols() + count + 1) return r;
     for (Index c = 0; c < outputs; ++c) {

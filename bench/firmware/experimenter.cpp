@@ -86,15 +86,7 @@ bool experiment() noexcept {
     to_next_section();  // while the machine does the same
     if (!hear(reply)) return false;
   }
-  for (int k = 0; k < tones; ++k) {
-    for (int l = -harmonics; l <= harmonics; ++l) {
-      for (int c = 0; c < 2; ++c) {
-        const Complex line = estimator.line(k, l, c);
-        hash.add(line.real());
-        hash.add(line.imag());
-      }
-    }
-  }
+  hash.add_lines(estimator, tones, harmonics, 2);
   hash.add(watch.state().z);
   return true;
 }

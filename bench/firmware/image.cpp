@@ -154,15 +154,7 @@ void experiment() noexcept {
     sample(n);
     if (raised < 0 && n >= settling * sections && alarm.state().raised) raised = n / sections;
   }
-  for (int k = 0; k < tones; ++k) {
-    for (int l = -harmonics; l <= harmonics; ++l) {
-      for (int c = 0; c < 2; ++c) {
-        const Complex line = estimator.line(k, l, c);
-        hash.add(line.real());
-        hash.add(line.imag());
-      }
-    }
-  }
+  hash.add_lines(estimator, tones, harmonics, 2);
   hash.add(loss());
   hash.add(stimulus_loss);
   hash.add(alarm.state().z);

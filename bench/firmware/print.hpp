@@ -42,6 +42,18 @@ class Hash {
   void add(double x) noexcept {
     for (int i = 0; i < 64; i += 8) sum_ = (sum_ ^ (std::bit_cast<std::uint64_t>(x) >> i & 0xff)) * 0x100000001b3;
   }
+  // All lines of an estimator, tone by tone.
+  void add_lines(const auto& estimator, int tones, int harmonics, int outputs) noexcept {
+    for (int k = 0; k < tones; ++k) {
+      for (int l = -harmonics; l <= harmonics; ++l) {
+        for (int c = 0; c < outputs; ++c) {
+          const auto line = estimator.line(k, l, c);
+          add(line.real());
+          add(line.imag());
+        }
+      }
+    }
+  }
   std::uint64_t sum() const noexcept { return sum_; }
 
  private:

@@ -29,7 +29,7 @@ Periodicity repeat(const M& m, double dt, const Cycle<N>& cycle) noexcept {
   for (int j = 0; j < cycle.count; ++j) {
     second[j].x = j == 0 ? cycle.arrival(0).x1 : second[j - 1].leg.x1;
     orbit::evaluate_map(m, dt, 8.0 * cycle.period(), Unwatched{}, second[j]);
-    if (!orbit::expected_end(second[j].leg, cycle[j].edge, cycle[j + 1].edge, search)) {
+    if (!orbit::expected_end(m, second[j].leg, cycle[j].edge, cycle[j + 1].edge, search)) {
       r.same_order = false;
       return r;
     }

@@ -84,28 +84,6 @@ void onto_guards(const M& m, Cycle<N>& cycle) noexcept {
   }
 }
 
-// True when a leg from edge `after` ended on edge `expected`; else says in `search` what happened instead.
-template <int N>
-bool expected_end(const Leg<N>& leg, int after, int expected, Search& search) noexcept {
-  using End = typename Leg<N>::End;
-  search.after = after;
-  search.expected = expected;
-  search.met = leg.end == End::edge ? leg.edge : -1;
-  search.status = leg.status;
-  if (leg.fell) {
-    search.outcome = SearchOutcome::fell;
-  } else if (!usable(leg.status)) {
-    search.outcome = SearchOutcome::trouble;
-  } else if (leg.end == End::time) {
-    search.outcome = SearchOutcome::no_event;
-  } else if (leg.end == End::edge ? leg.edge != expected : expected >= 0) {
-    search.outcome = SearchOutcome::other_event;
-  } else {
-    return true;
-  }
-  return false;
-}
-
 // The edge that explains why a leg escaped: one whose guard is negative where it begins, else one that it began on.
 template <class M, int N>
 int behind_guard(const M& m, const Leg<N>& leg) noexcept {
@@ -129,6 +107,29 @@ int behind_guard(const M& m, const Leg<N>& leg) noexcept {
   return edge;
 }
 
+// True when a leg from edge `after` ended on edge `expected`; else says in `search` what happened instead.
+template <class M, int N>
+bool expected_end(const M& m, const Leg<N>& leg, int after, int expected, Search& search) noexcept {
+  using End = typename Leg<N>::End;
+  search.after = after;
+  search.expected = expected;
+  search.met = leg.end == End::edge ? leg.edge : -1;
+  search.status = leg.status;
+  if (leg.fell) {
+    search.outcome = SearchOutcome::fell;
+  } else if (!usable(leg.status)) {
+    search.outcome = SearchOutcome::trouble;
+    if (leg.status == Status::escaped) search.behind = behind_guard(m, leg);
+  } else if (leg.end == End::time) {
+    search.outcome = SearchOutcome::no_event;
+  } else if (leg.end == End::edge ? leg.edge != expected : expected >= 0) {
+    search.outcome = SearchOutcome::other_event;
+  } else {
+    return true;
+  }
+  return false;
+}
+
 // Evaluates all maps of a cycle from their x. False when one of them ends otherwise than the next begins.
 template <class M, int N, class Watch>
 bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N>& cycle, Search& search) noexcept {
@@ -137,10 +138,7 @@ bool evaluate(const M& m, double dt, double longest, const Watch& watch, Cycle<N
     EdgeMap<N>& map = cycle[j];
     evaluate_map(m, dt, longest, watch, map);
     const EdgeMap<N>& next = cycle[j + 1];
-    if (!expected_end(map.leg, map.edge, next.edge, search)) {
-      if (search.status == Status::escaped) search.behind = behind_guard(m, map.leg);
-      return false;
-    }
+    if (!expected_end(m, map.leg, map.edge, next.edge, search)) return false;
     const Vec<N> gap = state_difference<M>(map.leg.chart, map.leg.x1, next.x);
     worst =
         std::fmax(worst, gap.template lpNorm<Eigen::Infinity>() / (1.0 + next.x.template lpNorm<Eigen::Infinity>()));
@@ -233,10 +231,7 @@ Search first_cycle(const M& m, const Point<M>& start, double dt, double longest,
   for (;;) {
     const Leg<N> leg = follow_leg<N>(m, p, dt, longest, false, watch);
     const int edge = leg.end == End::edge ? leg.edge : -1;
-    if (!orbit::expected_end(leg, after, edge, search)) {
-      if (search.status == Status::escaped) search.behind = orbit::behind_guard(m, leg);
-      return search;
-    }
+    if (!orbit::expected_end(m, leg, after, edge, search)) return search;
     if (skip <= 0 && cycle.count > 0) {
       cycle[cycle.count - 1].leg = leg;
       if (cycle[0].edge == edge && ++again == returns) {

@@ -12,6 +12,7 @@ namespace {
 
 constexpr double usual_length = 2.0;        // [s] of a machine that swings on
 constexpr double usual_in_a_step = 0.2;     // [s] between impacts
+constexpr double usual_gap = 2.5;           // [-] of the usual spacing between samples, beyond which some are missing
 constexpr double lost = 0.1;                // [s] without a sample that does not end a stretch: the input held on
 constexpr double history = 0.25;            // [s] of input kept from before a stretch, for inputs that act late
 constexpr std::size_t fewest_samples = 12;  // in a stretch
@@ -54,7 +55,7 @@ std::vector<Piece> pieces_of(const Record& record, const Machine& machine, const
                              double spacing, const Cut& cut, std::size_t& ringing) {
   std::vector<Piece> r;
   const bool steps = machine.charts.size() > 1;
-  const double gap = std::max(2.5 * spacing, lost);  // [s]
+  const double gap = std::max(usual_gap * spacing, lost);  // [s]
   for (const Experiment& e : experiments(record)) {
     const std::size_t end = e.first_row + e.rows;
     std::size_t unbroken = e.first_row;
@@ -151,7 +152,7 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
   std::nth_element(steps.begin(), steps.begin() + static_cast<std::ptrdiff_t>(steps.size() / 2), steps.end());
   s.spacing = steps[steps.size() / 2];
   for (const double d : steps) {
-    if (d < 2.5 * s.spacing) s.jitter = std::max(s.jitter, std::abs(d / s.spacing - 1.0));
+    if (d < usual_gap * s.spacing) s.jitter = std::max(s.jitter, std::abs(d / s.spacing - 1.0));
   }
   const auto pieces = pieces_of(record, machine, charts, s.spacing, cut, s.ringing);
   s.length = cut.length > 0.0 ? cut.length : machine.charts.size() > 1 ? usual_in_a_step : usual_length;

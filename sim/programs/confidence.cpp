@@ -126,8 +126,7 @@ void report_agreement(const MultiplierRegion& a, const MultiplierRegion& b, bool
 }
 
 void write_model(const Realisation& model, const std::string& file, bool quiet) {
-  const bool csv = file.size() > 4 && file.substr(file.size() - 4) == ".csv";
-  write_text(file, csv ? realisation_csv(model) : realisation_json(model));
+  write_text(file, file.ends_with(".csv") ? realisation_csv(model) : realisation_json(model));
   if (!model.stable()) {
     std::fprintf(stderr,
                  "saltus: --realise: the model is unstable (a multiplier of modulus %.3f): it does not describe the "

@@ -19,7 +19,7 @@ void run(const Options& o) {
   std::string series = "experiment,sample,u\n";
   nlohmann::json json{{"sections_per_cycle", o.plan.sections},
                       {"stimulus_period_cycles", o.plan.period},
-                      {"lines", plan.lines() / o.design.realisations},
+                      {"lines", plan.lines()},
                       {"least_experiments", plan.bound.size},
                       {"experiments", nlohmann::json::array()}};
   std::vector<double> u(static_cast<std::size_t>(o.plan.sections * o.plan.period));
@@ -50,7 +50,7 @@ void run(const Options& o) {
   }
   if (!quiet) {
     std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n",
-                plan.lines() / o.design.realisations, o.plan.period, o.plan.band);
+                plan.lines(), o.plan.period, o.plan.band);
     std::printf(
         "%zu experiments of %d to %d tones; no plan has fewer than %d: that many lines exclude one another (class %d "
         "of %d)\n",

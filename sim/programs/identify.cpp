@@ -122,24 +122,20 @@ Identified identify_beside(const M& m, const Record& record, const IdentifyOptio
   } else {
     r.id = identify_record(record, o.campaign.harmonics);
   }
-  double decay = 1.0;  // unknown: nothing has settled for sure
-  int count = 2;
   std::unique_ptr<LdtpOf<M, sections_per_cycle>> system;
   if constexpr (clocked<M>) {
     system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
     const auto orbit =
         find_orbit<sections_per_cycle>(m, timebase_of(m, o.model.ticks), ClockPhases{sections_per_cycle}, *system);
     if (orbit.status == Status::ok) {
-      const auto multipliers = nonzero_multipliers(system->monodromy(0));
-      count = static_cast<int>(multipliers.size());
-      decay = 0.0;
-      for (const Complex& z : multipliers) decay = std::max(decay, std::abs(z));
+      r.model_multipliers = nonzero_multipliers(system->monodromy(0));
     } else {
       r.id.notes.push_back("the model has no limit cycle to compare with (" + std::string(name(orbit.status)) + ")");
       system.reset();
     }
   }
-  if (!r.any) refine(r, record, o, decay, count);
+  const std::vector<Complex> unknown(2, 1.0);  // nothing has settled for sure
+  if (!r.any) refine(r, record, o, system ? r.model_multipliers : unknown);
   if (system) compare<M>(r, *system);
   if (r.any) {
     r.best.multipliers = r.any->multipliers;
@@ -179,7 +175,7 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
   if (!quiet) {
     std::printf("%s: %zu experiments of %lld + %lld cycles, %d lines below f = %g, %g %s a tone%s\n",
                 std::string(M::name).c_str(), plan.experiments.size(), static_cast<long long>(o.campaign.settle),
-                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines() / o.design.realisations,
+                static_cast<long long>(o.campaign.periods * o.plan.period), plan.lines(),
                 o.plan.band, o.plan.amplitude, std::string(M::inputs[0].unit).c_str(),
                 o.plan.opposed ? ", each also with its sign reversed" : "");
   }

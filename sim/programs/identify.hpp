@@ -79,9 +79,9 @@ Record blank_record(const Plan& plan, std::int64_t settle, double period) {
   for (const Quantity& q : M::outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
   return r;
 }
-// What every sample tells beyond the lines: takes out a transient of `count` multipliers that settling leaves, where
-// `decay` [-] is what a cycle leaves of it, and finds instants that scatter.
-void refine(Identified& r, const Record& record, const IdentifyOptions& o, double decay, int count);
+// What every sample tells beyond the lines: takes out a transient of these multipliers, falling in modulus, that
+// settling leaves, and finds instants that scatter.
+void refine(Identified& r, const Record& record, const IdentifyOptions& o, const std::vector<Complex>& multipliers);
 // The nonlinear distortion of an odd stimulus, on the lines that it leaves silent.
 void identify_distortion(const IdentifyOptions& o, bool quiet);
 // The record of an emulated machine under a chirp or a binary sequence.
@@ -109,11 +109,10 @@ void describe_channels(Identified& r) {
   r.input_unit = M::inputs[0].unit;
 }
 
-// Fills in what the model says beside what was identified, and the multipliers both ways.
+// Fills in what the model, whose multipliers are there already, says beside what was identified.
 template <class M>
 void compare(Identified& r, const LdtpOf<M, sections_per_cycle>& system) {
   r.has_exact = r.id.sections == sections_per_cycle;
-  r.model_multipliers = nonzero_multipliers(system.monodromy(0));
   r.rank_bounds = rank_bounds(system);
   if (r.has_exact) {
     int line = -1;
@@ -143,7 +142,9 @@ Identified identify_rig(const M& m, const Family& family, const IdentifyOptions&
   constexpr std::size_t samples_kept = 4'000'000;
   const auto length =
       static_cast<std::size_t>((o.campaign.settle + o.campaign.periods * plan.options.period) * plan.options.sections);
-  const bool keep = plan.experiments.size() * length <= samples_kept;
+  // Only a transient, or repeats, have more to tell than the lines.
+  const bool telling = o.transient != "drop" || o.campaign.periods > 1;
+  const bool keep = telling && plan.experiments.size() * length <= samples_kept;
   const std::size_t rungs = std::max<std::size_t>(1, o.ladder.size());
   std::vector<Identification> ids;
   Identified r;
@@ -176,14 +177,11 @@ Identified identify_rig(const M& m, const Family& family, const IdentifyOptions&
                      (worst == Status::failed ? "" : " (" + std::string(name(worst)) + ")") + "; lower --amplitude");
     }
     r.id = std::move(campaign->id);
-    if (kept != nullptr) {
-      refine(r, *kept, o, campaign->decay, static_cast<int>(nonzero_multipliers(campaign->system.monodromy(0)).size()));
-    }
-    ids.push_back(std::move(r.id));
+    r.model_multipliers = nonzero_multipliers(campaign->system.monodromy(0));
+    if (kept != nullptr) refine(r, *kept, o, r.model_multipliers);
+    if (rungs > 1) ids.push_back(r.id);
     if (rung + 1 < rungs) continue;
-    r.id = std::move(ids.back());
     if (rungs > 1) {
-      ids.back() = r.id;
       r.ladder = Ladder{o.ladder, {}, 0};
       r.id = extrapolate(ids, *r.ladder);
     }

@@ -1,32 +1,32 @@
 // What every sample of a campaign or record tells beyond its lines.
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "../record_identification.hpp"
 #include "identify.hpp"
 
 namespace saltus::program {
 
-void refine(Identified& r, const Record& record, const IdentifyOptions& o, double decay, int count) {
+void refine(Identified& r, const Record& record, const IdentifyOptions& o, const std::vector<Complex>& multipliers) {
   constexpr double settled = 1e-4;  // [-] of the first transient, as the campaign's note has it
   const auto settle = static_cast<double>(record.settle_cycles.value_or(0));
-  Record paced = record;
-  paced.sections = "clock";  // sections of another family are as good here: the k-th follows the one before it
-  bool changed = false;
+  const double decay = multipliers.empty() ? 0.0 : std::abs(multipliers[0]);
+  std::optional<Record> without;  // the transient
   const bool transient = o.transient == "model" || (o.transient == "auto" && !(std::pow(decay, settle) <= settled));
   if (transient && o.campaign.ramp > 0) {
     r.id.notes.emplace_back("the decay under a stimulus that grows is not modelled");
   } else if (transient) {
     const auto choice = o.transient == "model" ? TransientChoice::model : TransientChoice::automatic;
-    r.transient = remove_transient(paced, std::clamp(count, 1, 2), choice);
-    changed = r.transient->removed;
+    without = record;
+    r.transient = remove_transient(*without, std::clamp(static_cast<int>(multipliers.size()), 1, 2), choice);
   }
-  if (changed) {
-    r.id.htf = identify_record(paced, o.campaign.harmonics).htf;
+  if (r.transient && r.transient->removed) {
+    r.id.htf = identify_record(*without, o.campaign.harmonics).htf;
     for (HtfEstimate& h : r.id.htf) h.sigma *= r.transient->inflation;
   }
   if (r.sections != "clock") return;  // an event has no instant of its own to be missed
-  r.jitter = estimate_jitter(paced);
+  r.jitter = estimate_jitter(without ? *without : record);
   if (!(r.jitter->sigma > 0.0)) {
     r.jitter.reset();
   } else if (r.jitter->found && o.correct_jitter) {

@@ -17,11 +17,9 @@ Record play(const M& m, const IdentifyOptions& o) {
   const auto system = std::make_unique<LdtpOf<M, sections_per_cycle>>();
   const auto orbit = find_orbit<sections_per_cycle>(m, base, family, *system);
   if (orbit.status != Status::ok) throw RunError(no_orbit(M::name, orbit.status, true));
-  Output<M> noise = Output<M>::Zero();
-  for (std::size_t i = 0; i < o.campaign.noise.size(); ++i) noise[static_cast<int>(i)] = o.campaign.noise[i];
   Run<M> start;
   start.at = orbit.point[0];
-  Rig<M, ClockPhases> rig(m, base, family, start, noise, o.campaign.seed);
+  Rig<M, ClockPhases> rig(m, base, family, start, by_output<M>(o.campaign.noise), o.campaign.seed);
   rig.jitter(o.campaign.jitter);
   const double band = std::min(o.plan.band + 2.0, 0.5 * sections_per_cycle);  // the edge of a sweep is weak
   const std::vector<double> u = o.stimulus == "chirp"
@@ -35,13 +33,7 @@ Record play(const M& m, const IdentifyOptions& o) {
   Deaf deaf;
   const Status s = run_experiment(rig, u, static_cast<std::int64_t>(u.size()), 0, deaf,
                                   [&](std::int64_t n, double input, const auto& y) {
-                                    r.experiment.push_back(0);
-                                    r.cycle.push_back(static_cast<int>(n / sections_per_cycle));
-                                    r.section.push_back(static_cast<int>(n % sections_per_cycle));
-                                    r.t.push_back(static_cast<double>(n) * base.period / sections_per_cycle);
-                                    r.inputs[0].values.push_back(input);
-                                    for (std::size_t c = 0; c < r.outputs.size(); ++c)
-                                      r.outputs[c].values.push_back(y[c]);
+                                    add_row(r, 0, n, sections_per_cycle, base.period, input, y);
                                   });
   if (!usable(s)) {
     throw RunError(std::string(M::name) + ": the machine left its cycle (" + std::string(name(s)) +

@@ -38,12 +38,7 @@ Record play(const Family& family, const std::vector<double>& u, std::uint64_t se
   Deaf deaf;
   REQUIRE(usable(run_experiment(rig, u, static_cast<std::int64_t>(u.size()), 0, deaf,
                                 [&](std::int64_t n, double input, const auto& y) {
-                                  r.experiment.push_back(0);
-                                  r.t.push_back(static_cast<double>(n) / N);
-                                  r.cycle.push_back(static_cast<int>(n / N));
-                                  r.section.push_back(static_cast<int>(n % N));
-                                  r.inputs[0].values.push_back(input);
-                                  for (std::size_t c = 0; c < 2; ++c) r.outputs[c].values.push_back(y[c]);
+                                  add_row(r, 0, n, N, 1.0, input, y);
                                 })));
   return r;
 }

@@ -82,7 +82,8 @@ class Folder {
 
  private:
   static std::filesystem::path make() {
-    std::string name = (std::filesystem::temp_directory_path() / "saltus-test-XXXXXX").string();
+    // mkdtemp() puts a name of its own in the place of the six.
+    std::string name = (std::filesystem::temp_directory_path() / ("saltus-test-" + std::string(6, 'X'))).string();
     if (::mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
     return name;
   }

@@ -7,13 +7,10 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
-#include <memory>
 #include <string>
 
 #include "core/flow/rk8.hpp"
-#include "core/orbit/orbit.hpp"
-#include "sim/models/hopper.hpp"
-#include "sim/models/kneed_biped.hpp"
+#include "cycles.hpp"
 #ifdef SALTUS_BENCH_ODEINT
 #include <boost/numeric/odeint/stepper/generation.hpp>
 #include <boost/numeric/odeint/stepper/runge_kutta4.hpp>
@@ -27,50 +24,6 @@
 namespace {
 
 using namespace saltus;
-
-// Where a cycle begins, and when it is over: after `span` seconds, or with the reset of the edge Last.
-template <class M, class Last>
-struct Cycle {
-  using Model = M;
-  M m;
-  Point<M> start;
-  double span = std::numeric_limits<double>::infinity();  // [s]
-
-  template <class E>
-  static constexpr bool ends_with = std::is_same_v<E, Last>;
-
-  double error(const Point<M>& p) const {
-    const Vec<max_dim<M>> d = orbit::difference(p, start);
-    return p.chart == start.chart ? d.template lpNorm<Eigen::Infinity>() : std::numeric_limits<double>::infinity();
-  }
-};
-
-struct Never {};
-using HopperCycle = Cycle<Hopper<>, Never>;
-using BipedCycle = Cycle<KneedBiped<>, kneed_biped::FootStrike>;
-
-const HopperCycle& hopper_cycle() {
-  static const HopperCycle cycle = [] {
-    HopperCycle c;
-    auto system = std::make_unique<LdtpOf<Hopper<>, 2>>();
-    c.start = find_orbit<2>(c.m, timebase_of(c.m, 8192), ClockPhases{2}, *system).point[0];
-    c.span = 1.0;
-    return c;
-  }();
-  return cycle;
-}
-
-const BipedCycle& biped_cycle() {
-  static const BipedCycle cycle = [] {
-    using E = kneed_biped::FootStrike;
-    BipedCycle c;
-    auto system = std::make_unique<LdtpOf<KneedBiped<>, 1>>();
-    const auto found = find_orbit<1>(c.m, timebase_of(c.m, 8192), AtEdge<E>{}, *system);
-    c.start.set(E::to{}, c.m.reset(E{}, found.point[0].in(E::from{}), Input<KneedBiped<>>::Zero()));
-    return c;
-  }();
-  return cycle;
-}
 
 // Ours, `steps` a second, tried at errors a quarter apart, of order eight a half.
 template <class Method>
@@ -107,6 +60,15 @@ std::string tolerance_as_text(double s) {
   char t[48];
   std::snprintf(t, sizeof t, "tolerance %.1e", s);
   return t;
+}
+
+// Where `above`(t), true at lo, is no longer so.
+double halve(int times, double lo, double hi, const auto& above) {
+  for (int i = 0; i < times; ++i) {
+    const double mid = 0.5 * (lo + hi);
+    (above(mid) ? lo : hi) = mid;
+  }
+  return hi;
 }
 
 // Runs legs of another library: `leg(f, guard, x, t, end)` moves x and t to the guard's fall through zero, or to the
@@ -169,15 +131,13 @@ struct OdeintRk4 {
         method.do_step(f, x, t, y, h);
         const double g = guard(y);
         if (armed && !(g > 0.0)) {
-          double lo = 0.0, hi = h;
-          for (int i = 0; i < 52; ++i) {
-            const double mid = 0.5 * (lo + hi);
+          const double lived = halve(52, 0.0, h, [&](double mid) {
             method.do_step(f, x, t, y, mid);
-            (guard(y) > 0.0 ? lo : hi) = mid;
-          }
-          method.do_step(f, x, t, y, hi);
+            return guard(y) > 0.0;
+          });
+          method.do_step(f, x, t, y, lived);
           x = y;
-          t += hi;
+          t += lived;
           return true;
         }
         armed = g > 0.0;
@@ -206,19 +166,16 @@ struct OdeintDopri5 {
       for (;;) {
         method.do_step(f);
         const bool last = method.current_time() >= end;
-        double hi = last ? end : method.current_time();
+        const double now = last ? end : method.current_time();
         X y;
-        method.calc_state(hi, y);
+        method.calc_state(now, y);
         const double g = guard(y);
         if (armed && !(g > 0.0)) {
-          double lo = method.previous_time();
-          for (int i = 0; i < 52; ++i) {
-            const double mid = 0.5 * (lo + hi);
+          t = halve(52, method.previous_time(), now, [&](double mid) {
             method.calc_state(mid, y);
-            (guard(y) > 0.0 ? lo : hi) = mid;
-          }
-          method.calc_state(hi, x);
-          t = hi;
+            return guard(y) > 0.0;
+          });
+          method.calc_state(t, x);
           return true;
         }
         if (last) {
@@ -282,23 +239,21 @@ struct GslRk8pd {
       while (t < end) {
         const X x0 = x;
         const double t0 = t;
-        gsl_odeiv2_evolve_apply(work.evolve, work.control, work.step, &system, &t, std::fmin(end, 1e3), &h, x.data());
+        gsl_odeiv2_evolve_apply(work.evolve, work.control, work.step, &system, &t, end, &h, x.data());
         const double g = guard(x);
         if (armed && !(g > 0.0)) {
           const double length = t - t0;
           X f0, f1, y, rate, error;
           std::copy_n(work.evolve->dydt_in, n, f0.begin());
           std::copy_n(work.evolve->dydt_out, n, f1.begin());
-          double lo = 0.0, hi = 1.0;
-          for (int i = 0; i < 20; ++i) {
-            const double s = 0.5 * (lo + hi), r = 1.0 - s;
+          double lived = length * halve(20, 0.0, 1.0, [&](double s) {
+            const double r = 1.0 - s;
             for (std::size_t k = 0; k < n; ++k) {
               y[k] = r * r * (1.0 + 2.0 * s) * x0[k] + s * s * (1.0 + 2.0 * r) * x[k] +
                      length * s * r * (r * f0[k] - s * f1[k]);
             }
-            (guard(y) > 0.0 ? lo : hi) = s;
-          }
-          double lived = hi * length;
+            return guard(y) > 0.0;
+          });
           for (int i = 0; i < 8; ++i) {
             y = x0;
             gsl_odeiv2_step_apply(work.step, t0, lived, y.data(), error.data(), f0.data(), rate.data(), &system);

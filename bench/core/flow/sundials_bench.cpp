@@ -16,15 +16,14 @@
 #include <string>
 #include <tuple>
 
-#include "core/orbit/orbit.hpp"
-#include "sim/models/hopper.hpp"
-#include "sim/models/kneed_biped.hpp"
+#include "cycles.hpp"
 
 namespace {
 
 using namespace saltus;
 
 enum class Method { adams, bdf };
+enum class End { event, time, failure };
 
 sundials::Context& context() {
   static sundials::Context c;
@@ -77,8 +76,6 @@ class Leg {
   Leg(const Leg&) = delete;
   Leg& operator=(const Leg&) = delete;
 
-  enum class End { event, time, failure };
-
   // From time t to the edge, or to `end`; x is then there.
   End operator()(Vec<n>& x, double& t, double end, double tolerance) {
     for (int i = 0; i < n; ++i) NV_Ith_S(x_, i) = x[i];
@@ -104,78 +101,34 @@ auto make_legs(const M& m, Method method, List<Es...>) {
   return std::make_tuple(std::make_unique<Leg<M, Es>>(m, method)...);
 }
 
-// A cycle from `start`, `span` seconds long, or up to and with the reset of Last.
-template <class M, class Last>
-struct Cycle {
-  M m;
-  Point<M> start;
-  double span = 10.0;  // [s]
-
-  double error(const Point<M>& p) const {
-    return p.chart == start.chart ? Vec<max_dim<M>>(orbit::difference(p, start)).template lpNorm<Eigen::Infinity>()
-                                  : std::numeric_limits<double>::infinity();
-  }
-
-  template <class Legs>
-  bool run(Legs& legs, Point<M>& p, double tolerance) const {
-    double t = 0.0;
-    bool over = false, good = true;
-    while (!over && good) {
-      bool moved = false;
-      std::apply(
-          [&](auto&... leg) { ((moved || over ? void() : take(*leg, p, t, tolerance, moved, over, good)), ...); },
-          legs);
-    }
-    return good;
-  }
-
- private:
-  template <class E>
-  void take(Leg<M, E>& leg, Point<M>& p, double& t, double tolerance, bool& moved, bool& over, bool& good) const {
+// The cycle from p; false where the library gives up.
+template <class M, class Last, class Legs>
+bool run(const Cycle<M, Last>& cycle, Legs& legs, Point<M>& p, double tolerance) {
+  double t = 0.0;
+  bool moved = false, over = false, good = true;
+  const auto take = [&]<class E>(Leg<M, E>& leg) {
     using C = typename E::from;
-    if (p.chart != index_of<C>(typename M::Charts{})) return;
+    if (moved || over || p.chart != index_of<C>(typename M::Charts{})) return;
     moved = true;
     Vec<C::dim> x = p.in(C{});
-    switch (leg(x, t, span, tolerance)) {
-      case Leg<M, E>::End::event:
-        p.set(typename E::to{}, m.reset(E{}, x, Input<M>::Zero()));
+    switch (leg(x, t, cycle.span, tolerance)) {
+      case End::event:
+        p.set(typename E::to{}, cycle.m.reset(E{}, x, Input<M>::Zero()));
         over = std::is_same_v<E, Last>;
         break;
-      case Leg<M, E>::End::time:
+      case End::time:
         p.set(C{}, x);
         over = true;
         break;
-      case Leg<M, E>::End::failure:
+      case End::failure:
         good = false;
     }
+  };
+  while (!over && good) {
+    moved = false;
+    std::apply([&](auto&... leg) { (take(*leg), ...); }, legs);
   }
-};
-
-struct Never {};
-using HopperCycle = Cycle<Hopper<>, Never>;
-using BipedCycle = Cycle<KneedBiped<>, kneed_biped::FootStrike>;
-
-const HopperCycle& hopper_cycle() {
-  static const HopperCycle cycle = [] {
-    HopperCycle c;
-    auto system = std::make_unique<LdtpOf<Hopper<>, 2>>();
-    c.start = find_orbit<2>(c.m, timebase_of(c.m, 8192), ClockPhases{2}, *system).point[0];
-    c.span = 1.0;
-    return c;
-  }();
-  return cycle;
-}
-
-const BipedCycle& biped_cycle() {
-  static const BipedCycle cycle = [] {
-    using E = kneed_biped::FootStrike;
-    BipedCycle c;
-    auto system = std::make_unique<LdtpOf<KneedBiped<>, 1>>();
-    const auto found = find_orbit<1>(c.m, timebase_of(c.m, 8192), AtEdge<E>{}, *system);
-    c.start.set(E::to{}, c.m.reset(E{}, found.point[0].in(E::from{}), Input<KneedBiped<>>::Zero()));
-    return c;
-  }();
-  return cycle;
+  return good;
 }
 
 template <class M, class Last>
@@ -184,14 +137,14 @@ void measure(benchmark::State& state, const Cycle<M, Last>& cycle, double wanted
   double tolerance = 1e-3, error = std::numeric_limits<double>::infinity();
   for (;; tolerance *= 0.5) {
     Point<M> p = cycle.start;
-    const bool good = cycle.run(legs, p, tolerance);
+    const bool good = run(cycle, legs, p, tolerance);
     error = good ? cycle.error(p) : std::numeric_limits<double>::infinity();
     if (error <= wanted) break;
     if (tolerance < 1e-15) return state.SkipWithError("does not reach the error");
   }
   for (auto _ : state) {
     Point<M> p = cycle.start;
-    cycle.run(legs, p, tolerance);
+    run(cycle, legs, p, tolerance);
     benchmark::DoNotOptimize(p);
   }
   char label[96];

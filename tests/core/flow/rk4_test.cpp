@@ -46,7 +46,7 @@ TEST_CASE("rk4: is the textbook's") {
   }
 }
 
-TEST_CASE("rk4: over dual numbers, its derivative is that of the step itself") {
+TEMPLATE_TEST_CASE("a step over dual numbers: its derivative is that of the step itself", "", Rk4, Rk8) {
   const worlds::Pendulum<> m;
   const auto lifted = lift<Dual<3>>(m);
   const auto f = [&](const Vec<2, Dual<3>>& x) -> Vec<2, Dual<3>> {
@@ -54,9 +54,9 @@ TEST_CASE("rk4: over dual numbers, its derivative is that of the step itself") {
   };
   const Vec<2, Dual<3>> x(Dual<3>::variable(0.4, 0), Dual<3>::variable(-1.3, 1));
   const Dual<3> h = Dual<3>::variable(0.05, 2);  // the length may be a variable too
-  const Mat<2, 3> exact = gradient_of(rk4<2, Dual<3>>(f, x, f(x), h));
+  const Mat<2, 3> exact = gradient_of(TestType::template step<2, Dual<3>>(f, x, f(x), h));
   const auto step = [&](double a, double b, double length) {
-    return plain::rk4(m, worlds::pendulum::Swing{}, Vec<2>(a, b), Vec<1>(0.3), length);
+    return plain::step<TestType>(m, worlds::pendulum::Swing{}, Vec<2>(a, b), Vec<1>(0.3), length);
   };
   const double d = 1e-6;
   Mat<2, 3> rough;

@@ -158,54 +158,6 @@ TEST_CASE("rk8: one step is of order nine in its length, its last rate of order 
   CHECK(std::abs(Rk8::step<2, double>(g, start, g(start), 0.7)[1] - (1.0 - std::pow(0.3, 8))) < 2e-14);
 }
 
-TEST_CASE("rk8: over dual numbers, its derivative is that of the step itself") {
-  const Pendulum<> m;
-  const auto lifted = lift<Dual<3>>(m);
-  const auto f = [&](const Vec<2, Dual<3>>& x) -> Vec<2, Dual<3>> {
-    return lifted.flow(pendulum::Swing{}, x, Vec<1, Dual<3>>(Dual<3>(0.3)));
-  };
-  const Vec<2, Dual<3>> x(Dual<3>::variable(0.4, 0), Dual<3>::variable(-1.3, 1));
-  const Dual<3> h = Dual<3>::variable(0.05, 2);
-  const Mat<2, 3> exact = gradient_of(Rk8::step<2, Dual<3>>(f, x, f(x), h));
-  const auto step = [&](double a, double b, double length) {
-    return plain::rk8(m, pendulum::Swing{}, Vec<2>(a, b), Vec<1>(0.3), length);
-  };
-  const double d = 1e-6;
-  Mat<2, 3> rough;
-  rough.col(0) = (step(0.4 + d, -1.3, 0.05) - step(0.4 - d, -1.3, 0.05)) / (2.0 * d);
-  rough.col(1) = (step(0.4, -1.3 + d, 0.05) - step(0.4, -1.3 - d, 0.05)) / (2.0 * d);
-  rough.col(2) = (step(0.4, -1.3, 0.05 + d) - step(0.4, -1.3, 0.05 - d)) / (2.0 * d);
-  CHECK((exact - rough).cwiseAbs().maxCoeff() < 1e-8);
-}
-
-TEST_CASE("rk8: the impacts of a bouncing ball come at their times, however long the steps") {
-  for (const double h : {1.0 / 3.0, 1.0 / 16.0, 1.0 / 64.0}) {
-    const Ball<> m;
-    Point<Ball<>> p = start_of(m);
-    double expected = std::sqrt(2.0 / m.g);
-    double v = m.g * expected;
-    int impacts = 0;
-    double worst = 0.0, lowest = 0.0;
-    Status status = Status::ok;
-    for (int tick = 0; tick * h < 2.9; ++tick) {
-      const Passage r = advance<Rk8>(m, p, still, h);
-      status = worse(status, r.status);
-      lowest = std::fmin(lowest, p.x[0]);
-      for (int k = 0; k < r.events; ++k) {
-        worst = std::fmax(worst, std::abs(tick * h + r.event[static_cast<std::size_t>(k)].at - expected));
-        v *= m.e;
-        expected += 2.0 * v / m.g;
-        ++impacts;
-      }
-      worst = std::fmax(worst, std::abs(p.x[1] - ((expected - (tick + 1) * h) * m.g - v)) * (impacts > 0));
-    }
-    CHECK(status == Status::ok);
-    CHECK(impacts >= 5);
-    CHECK(worst < 1e-11);
-    CHECK(lowest > -1e-13);
-  }
-}
-
 TEST_CASE("rk8: order eight through events") {
   SECTION("spring and wall, closed form") {
     const Wall<> m;
