@@ -311,18 +311,32 @@ bool Selection::take_pair(int first) {
   return a.taken;
 }
 
+void Selection::retract(int effect) {
+  for (Trial1& t : account_) t.taken = t.taken && t.effect != effect;
+}
+
 const Attempt& Selection::drop(int effect) {
   const Attempt now = result();
   Fit f = now.fit;
   f.values[static_cast<std::size_t>(effect)] = p_.machine->coefficients[static_cast<std::size_t>(effect)].nominal;
   result_ = without(result_, effect);
+  retract(effect);
   return attempt(result_, f, now.noise);
 }
 
+const Attempt& Selection::exchanged(const Tie& t) const { return pool_.at(with(without(result_, t.from), t.to)); }
+
 const Attempt& Selection::prefer(const Tie& t) {
-  result_ = with(without(result_, t.from), t.to);
-  const Attempt a = pool_.at(result_);
-  return attempt(a.effects, a.fit, a.noise);
+  const Attempt before = result(), a = exchanged(t);
+  Fit f = before.fit;
+  f.values[static_cast<std::size_t>(t.from)] = p_.machine->coefficients[static_cast<std::size_t>(t.from)].nominal;
+  const Attempt neither = attempt(without(result_, t.from), f, before.noise);
+  retract(t.from);
+  result_ = a.effects;
+  const Attempt& now = attempt(a.effects, a.fit, a.noise);
+  account_.push_back(examine(now, neither, t.to));
+  account_.back().taken = true;
+  return now;
 }
 
 const Attempt& Selection::adopt(const Attempt& a) {

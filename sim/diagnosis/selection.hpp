@@ -53,6 +53,7 @@ class Selection {
     double predicted;      // [-] error of predicting parts left out, over the result's; NaN where far above
   };
   std::vector<Tie> ties();
+  const Attempt& exchanged(const Tie& t) const;
   // Takes the other of a tie for the result, and the result without one of its effects.
   const Attempt& prefer(const Tie& t);
   const Attempt& drop(int effect);
@@ -80,6 +81,7 @@ class Selection {
 
  private:
   void reweigh();
+  void retract(int effect);  // from the account
   const Attempt& attempt(const std::vector<int>& effects, const Fit& from, const Eigen::VectorXd& noise,
                          bool brief = false);
   // Sums of squares in units of the sensors' noise, part by part, of what a fit to the other parts predicts.

@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "../format.hpp"
 #include "core/trace/statistics.hpp"
@@ -56,6 +57,41 @@ bool longest_free_run(Diagnosis& d, const Record& record, const Work& w, double 
     if (run_free(d, record, w, length, held, values, traces)) return true;
   }
   return false;
+}
+
+// Of the length asked for, or what is usual: across a step, or a swing.
+double horizon_of(const Machine& m, const Options& o) {
+  return o.horizon > 0.0 ? o.horizon : m.charts.size() > 1 ? 0.2 : 4.0;  // [s]
+}
+
+// What the result should be exchanged for among laws of its kind that the likelihood can hardly tell from it. Where it
+// cannot at all, a drag linear in speed rather than a quadratic one; else what runs free over the fitted part clearly
+// better: across a stretch an error has time to grow that a start of its own hides within it.
+std::optional<Selection::Tie> better_law(const Diagnosis& d, const Record& record, const Work& w,
+                                         const Selection& search, const std::vector<Selection::Tie>& ties,
+                                         const Options& options) {
+  constexpr double better = 0.9;  // [-] of the result's error
+  const Machine& machine = *w.p.machine;
+  std::optional<Selection::Tie> best;
+  double least = better;
+  for (const Selection::Tie& t : ties) {
+    const std::string law = name_of(machine, t.from), other = name_of(machine, t.to);
+    if (!same_kind(law, other) || !(t.predicted < no_worse)) continue;
+    if (t.above <= close && law.starts_with("quadratic_drag@") && other.starts_with("viscous_")) return t;
+    Diagnosis runs;
+    runs.held_out = d.held_out;
+    const Compared values{search.base().fit.values, search.result().fit.values, search.exchanged(t).fit.values};
+    if (!longest_free_run(runs, record, w, horizon_of(machine, options), false, values, false)) continue;
+    const FreeRun& r = runs.self_paced.runs.front();
+    double error = 1.0;  // of it, over the result's: of the usual run and of all together, of all outputs
+    for (std::size_t j = 0; j < r.after.size(); ++j)
+      error *= std::sqrt(r.median_after[j] / r.median_refit[j] * r.after[j] / r.refit[j]);
+    if (error < least) {
+      least = error;
+      best = t;
+    }
+  }
+  return best;
 }
 
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
@@ -176,20 +212,12 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   f.refit = search.base().fit;
   f.part = search.result();
   f.ties = search.ties();
-  // Between a drag linear in speed and a quadratic one that the record cannot tell apart, the linear one.
-  const auto law_and_port = [&](int c) {
-    const std::string n = name_of(machine, c);
-    const std::size_t at = std::min(n.find('@'), n.size());
-    return std::pair(n.substr(0, at), n.substr(at));
-  };
-  for (const Selection::Tie& t : f.ties) {
-    const auto [law, port] = law_and_port(t.from);
-    const auto [other, its_port] = law_and_port(t.to);
-    if (law != "quadratic_drag" || other.rfind("viscous_", 0) != 0 || port != its_port) continue;
-    if (t.above > close || !(t.predicted < no_worse)) continue;
-    f.part = search.prefer(t);
+  if (const auto t = better_law(d, record, w, search, f.ties, options)) {
+    f.part = search.prefer(*t);
     f.ties = search.ties();
-    break;
+    d.notes.push_back("Of " + name_of(machine, t->to) + " and " + name_of(machine, t->from) +
+                      ", which the likelihood can hardly tell apart, the former: its free runs over the fitted part " +
+                      "are better, or it is the plainer law.");
   }
   f.left = search.evidence_of(f.part);
   f.before = search.base_evidence();
@@ -197,18 +225,14 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   d.threshold = search.threshold();
   d.tried = static_cast<int>(candidates.size());
   d.self_paced.independent = f.part.independent;
-  for (const Trial1& t : search.account()) {
-    d.self_paced.steps.push_back(
-        {name_of(machine, t.effect), names_of(machine, t.beside), t.gain, t.predicted, t.better, t.parts, t.taken});
-  }
   lap("searching for effects");
 
   // Everything once more on all of the data, for the values; what is said of held-out data is of the fit without them.
   progress(0.75, "estimating jointly");
   const std::vector<int> all_blocks = parts_of(w.lively.size());
-  data.noise = w.sensors;
   for (bool again = true; again;) {
     again = false;
+    data.noise = w.sensors;
     Selection joint(p, data, w.lively, all_blocks, candidates, options.false_alarm);
     f.all = joint.adopt(f.part);
     f.error = joint.errors(f.all);
@@ -217,14 +241,18 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     for (const int c : f.part.effects) {  // what all of the record cannot tell from nothing is not claimed
       const auto at = std::find(f.all.fit.free.begin(), f.all.fit.free.end(), c) - f.all.fit.free.begin();
       const auto k = static_cast<std::size_t>(c);
-      if (again || std::abs(f.all.fit.values[k] - machine.coefficients[k].nominal) > 1.96 * f.error[at]) continue;
+      if (std::abs(f.all.fit.values[k] - machine.coefficients[k].nominal) > 1.96 * f.error[at]) continue;
       d.notes.push_back(name_of(machine, c) +
                         " was found in the fitted part but not in all of the record, and is not claimed.");
       f.part = search.drop(c);
       f.ties = search.ties();
       again = true;
+      break;  // f.part is another now
     }
-    data.noise = w.sensors;
+  }
+  for (const Trial1& t : search.account()) {
+    d.self_paced.steps.push_back(
+        {name_of(machine, t.effect), names_of(machine, t.beside), t.gain, t.predicted, t.better, t.parts, t.taken});
   }
   lap("estimating jointly");
 
@@ -261,8 +289,7 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     d.output_names.push_back(machine.outputs[j].name);
     d.output_units.push_back(machine.outputs[j].unit);
   }
-  const bool steps = machine.charts.size() > 1;
-  const double horizon = options.horizon > 0.0 ? options.horizon : steps ? 0.2 : 4.0;
+  const double horizon = horizon_of(machine, options);
   if (!w.test.empty()) {
     const Compared values{declared.values, f.refit.values, f.part.fit.values};
     const bool told = longest_free_run(d, record, w, horizon, true, values, true);
