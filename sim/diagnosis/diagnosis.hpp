@@ -113,6 +113,8 @@ struct Step {
   double predicted = 0.0;           // [-] error left of that before, on parts left out of the fit
   int better = 0, parts = 0;        // parts predicted better
   bool taken = false;
+  std::string instead;    // of this effect, which is as likely: empty where that decided
+  double free_run = 1.0;  // [-] error of free runs over the fitted part, over what it is with that one
 };
 
 // What a record that no clock paces has beside.

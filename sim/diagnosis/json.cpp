@@ -30,6 +30,9 @@ nlohmann::json self_paced_json(const Diagnosis& d) {
                           {"parts", t.parts},
                           {"better", t.better},
                           {"taken", t.taken}});
+    if (t.instead.empty()) continue;
+    j["steps"].back()["instead_of"] = t.instead;
+    j["steps"].back()["free_run_ratio"] = number(t.free_run);
   }
   for (const FreeRun& f : q.runs) {
     for (std::size_t o = 0; o < f.after.size(); ++o) {

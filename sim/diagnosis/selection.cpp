@@ -205,7 +205,7 @@ bool Selection::convincing(const Trial1& t) const {
   return t.gain > bar(plain ? 0 : t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
 }
 
-const Attempt& Selection::run(const std::function<void(double)>& progress) {
+const Attempt& Selection::run(const std::function<void(double)>& progress, const FreeRunRatio& free_run) {
   const auto value_at = [&](int c, double estimate) {
     return p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + estimate;
   };
@@ -254,6 +254,9 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
       if (!t.taken) continue;
       result_ = more.effects;
       added = true;
+      if (free_run)
+        prefer_by_free_runs(free_run, current,
+                            std::vector<int>(best.begin() + static_cast<std::ptrdiff_t>(i) + 1, best.end()));
     }
     // Two effects may hide each other: neither alone predicts, but each does beside the other.
     for (std::size_t i = 0; i < best.size() && !added && size == 0; ++i) added = take_pair(best[i]);
@@ -277,6 +280,31 @@ const Attempt& Selection::run(const std::function<void(double)>& progress) {
     }
   }
   return result();
+}
+
+// Where the model itself is wrong by more than the noise, a law that gains a quarter less may be the right one.
+// Free runs tell better: across a stretch an error has time to grow that a start of its own would hide.
+void Selection::prefer_by_free_runs(const FreeRunRatio& free_run, const Attempt& current,
+                                    const std::vector<int>& others) {
+  const Attempt likeliest = result();
+  const std::size_t mine = account_.size() - 1;
+  const double gain = account_[mine].gain;
+  const int effect = account_[mine].effect;
+  double least = 0.9;
+  for (const int c : others) {
+    const Attempt first = pool_.at(with(current.effects, c));
+    const Attempt more = attempt(first.effects, first.fit, first.noise);
+    const double ratio = free_run(c, more, effect, likeliest);
+    if (!(ratio < least)) continue;
+    Trial1 t = examine(more, current, c);
+    if (!(t.gain > 0.75 * gain) || !convincing(t)) continue;
+    t.taken = true;
+    t.instead = effect;
+    t.free_run = least = ratio;
+    retract(account_.back().effect);
+    account_.push_back(t);
+    result_ = more.effects;
+  }
 }
 
 bool Selection::take_pair(int first) {
@@ -324,10 +352,8 @@ const Attempt& Selection::drop(int effect) {
   return attempt(result_, f, now.noise);
 }
 
-const Attempt& Selection::exchanged(const Tie& t) const { return pool_.at(with(without(result_, t.from), t.to)); }
-
 const Attempt& Selection::prefer(const Tie& t) {
-  const Attempt before = result(), a = exchanged(t);
+  const Attempt before = result(), a = pool_.at(with(without(result_, t.from), t.to));
   Fit f = before.fit;
   f.values[static_cast<std::size_t>(t.from)] = p_.machine->coefficients[static_cast<std::size_t>(t.from)].nominal;
   const Attempt neither = attempt(without(result_, t.from), f, before.noise);

@@ -31,7 +31,13 @@ struct Trial1 {
   double predicted = 0.0;     // [-] error left of that before, on parts left out of the fit: root mean square
   int better = 0, parts = 0;  // parts that were predicted better
   bool taken = false;
+  int instead = -1;       // of this effect, with a likelihood that is no better reason
+  double free_run = 1.0;  // [-] error of free runs, over what it is with that one
 };
+
+// Error of free runs over the fitted part with effect c in the place of effect `over`, as fitted, over what it is with
+// that; NaN where it is not known, or does not count.
+using FreeRunRatio = std::function<double(int c, const Attempt& a, int over, const Attempt& with)>;
 
 class Selection {
  public:
@@ -41,7 +47,7 @@ class Selection {
             std::vector<int> candidates, double false_alarm);
 
   void baseline(const Fit& declared);
-  const Attempt& run(const std::function<void(double)>& progress);
+  const Attempt& run(const std::function<void(double)>& progress, const FreeRunRatio& free_run = {});
 
   // Takes a set of effects found elsewhere and fits it here.
   const Attempt& adopt(const Attempt& a);
@@ -53,7 +59,6 @@ class Selection {
     double predicted;      // [-] error of predicting parts left out, over the result's; NaN where far above
   };
   std::vector<Tie> ties();
-  const Attempt& exchanged(const Tie& t) const;
   // Takes the other of a tie for the result, and the result without one of its effects.
   const Attempt& prefer(const Tie& t);
   const Attempt& drop(int effect);
@@ -88,6 +93,8 @@ class Selection {
   const std::vector<double>& left_out(const Attempt& a);
   // Takes an effect together with what looks best beside it, where each convinces beside the other.
   bool take_pair(int first);
+  // Exchanges the effect just taken beside `current` for one of others that is nearly as likely and runs free better.
+  void prefer_by_free_runs(const FreeRunRatio& free_run, const Attempt& current, const std::vector<int>& others);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
   double bar(std::size_t beside) const;  // [-] least gain of an effect beside so many others
   bool convincing(const Trial1& t) const;

@@ -5,7 +5,6 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
-#include <optional>
 
 #include "../format.hpp"
 #include "core/trace/statistics.hpp"
@@ -64,34 +63,19 @@ double horizon_of(const Machine& m, const Options& o) {
   return o.horizon > 0.0 ? o.horizon : m.charts.size() > 1 ? 0.2 : 4.0;  // [s]
 }
 
-// What the result should be exchanged for among laws of its kind that the likelihood can hardly tell from it. Where it
-// cannot at all, a drag linear in speed rather than a quadratic one; else what runs free over the fitted part clearly
-// better: across a stretch an error has time to grow that a start of its own hides within it.
-std::optional<Selection::Tie> better_law(const Diagnosis& d, const Record& record, const Work& w,
-                                         const Selection& search, const std::vector<Selection::Tie>& ties,
-                                         const Options& options) {
-  constexpr double better = 0.9;  // [-] of the result's error
-  const Machine& machine = *w.p.machine;
-  std::optional<Selection::Tie> best;
-  double least = better;
-  for (const Selection::Tie& t : ties) {
-    const std::string law = name_of(machine, t.from), other = name_of(machine, t.to);
-    if (!same_kind(law, other) || !(t.predicted < no_worse)) continue;
-    if (t.above <= close && law.starts_with("quadratic_drag@") && other.starts_with("viscous_")) return t;
-    Diagnosis runs;
-    runs.held_out = d.held_out;
-    const Compared values{search.base().fit.values, search.result().fit.values, search.exchanged(t).fit.values};
-    if (!longest_free_run(runs, record, w, horizon_of(machine, options), false, values, false)) continue;
-    const FreeRun& r = runs.self_paced.runs.front();
-    double error = 1.0;  // of it, over the result's: of the usual run and of all together, of all outputs
-    for (std::size_t j = 0; j < r.after.size(); ++j)
-      error *= std::sqrt(r.median_after[j] / r.median_refit[j] * r.after[j] / r.refit[j]);
-    if (error < least) {
-      least = error;
-      best = t;
-    }
-  }
-  return best;
+// Error of free runs over the fitted part with a set of effects, over what it is with another: of the usual run and of
+// all together, of all outputs.
+double free_run_ratio(const Diagnosis& d, const Record& record, const Work& w, double horizon, const Attempt& a,
+                      const Attempt& over) {
+  Diagnosis runs;
+  runs.held_out = d.held_out;
+  if (!longest_free_run(runs, record, w, horizon, false, {over.fit.values, over.fit.values, a.fit.values}, false))
+    return nan;
+  const FreeRun& r = runs.self_paced.runs.front();
+  double ratio = 1.0;
+  for (std::size_t j = 0; j < r.after.size(); ++j)
+    ratio *= std::sqrt(r.median_after[j] / r.median_refit[j] * r.after[j] / r.refit[j]);
+  return ratio;
 }
 
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
@@ -111,20 +95,23 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
   if (!effects.empty()) {
     // Each has predicted, part by part, what it was not fitted to. The last part may lie outside of what was fitted.
     const double ratio = d.heldout.after / d.heldout.refit;
-    const bool predicted = any && d.self_paced.runs.front().data == "held out";
-    // No output clearly better, and one clearly worse: whatever the sum over all says, it does not predict.
-    bool worse = !d.self_paced.runs.empty() && d.self_paced.runs.front().data == "held out" && !any;
-    if (worse) {
+    const bool told = !d.self_paced.runs.empty() && d.self_paced.runs.front().data == "held out";
+    bool worse = false;
+    if (told) {  // one output clearly worse, and no other better by as much: it does not predict
       const FreeRun& r = d.self_paced.runs.front();
       std::size_t j = 0;
-      for (std::size_t k = 1; k < r.after.size(); ++k) {
-        if (r.after[k] / r.refit[k] > r.after[j] / r.refit[j]) j = k;
+      double all = 1.0;
+      for (std::size_t k = 0; k < r.after.size(); ++k) {
+        const double one = r.after[k] / r.refit[k];
+        all *= one;
+        if (one > r.after[j] / r.refit[j]) j = k;
       }
-      worse = r.after[j] > 1.1 * r.refit[j];
+      worse = r.after[j] > 1.1 * r.refit[j] && (!any || all > 1.1);
       if (worse)
         d.notes.push_back("What was found makes free runs of " + w.p.machine->outputs[j].name +
-                          " over the held-out part worse, and those of no output clearly better.");
+                          " over the held-out part worse, and those of no output better by as much.");
     }
+    const bool predicted = told && any && !worse;
     const bool improves = w.test.empty() || predicted || (ratio < 0.97 && !worse);
     d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
     if (!improves && !worse)
@@ -207,17 +194,24 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   const Fit declared = declared_fit(p);
   search.baseline(declared);
   lap("refitting the declared parameters");
-  search.run([&](double f) { progress(f, "tracing the residual"); });
+  const double horizon = horizon_of(machine, options);
+  search.run([&](double f) { progress(f, "tracing the residual"); },
+             [&](int c, const Attempt& a, int over, const Attempt& with) {
+               const bool alike = same_kind(name_of(machine, c), name_of(machine, over));
+               return alike ? free_run_ratio(d, record, w, horizon, a, with) : nan;
+             });
   Found f;
   f.refit = search.base().fit;
   f.part = search.result();
   f.ties = search.ties();
-  if (const auto t = better_law(d, record, w, search, f.ties, options)) {
-    f.part = search.prefer(*t);
+  // Between a drag linear in speed and a quadratic one that the record cannot tell apart, the linear one.
+  for (const Selection::Tie& t : f.ties) {
+    const std::string law = name_of(machine, t.from), other = name_of(machine, t.to);
+    if (!law.starts_with("quadratic_drag@") || !other.starts_with("viscous_") || !same_kind(law, other)) continue;
+    if (t.above > close || !(t.predicted < no_worse)) continue;
+    f.part = search.prefer(t);
     f.ties = search.ties();
-    d.notes.push_back("Of " + name_of(machine, t->to) + " and " + name_of(machine, t->from) +
-                      ", which the likelihood can hardly tell apart, the former: its free runs over the fitted part " +
-                      "are better, or it is the plainer law.");
+    break;
   }
   f.left = search.evidence_of(f.part);
   f.before = search.base_evidence();
@@ -251,8 +245,9 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     }
   }
   for (const Trial1& t : search.account()) {
-    d.self_paced.steps.push_back(
-        {name_of(machine, t.effect), names_of(machine, t.beside), t.gain, t.predicted, t.better, t.parts, t.taken});
+    d.self_paced.steps.push_back({name_of(machine, t.effect), names_of(machine, t.beside), t.gain, t.predicted,
+                                  t.better, t.parts, t.taken,
+                                  t.instead < 0 ? std::string() : name_of(machine, t.instead), t.free_run});
   }
   lap("estimating jointly");
 
@@ -289,7 +284,6 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
     d.output_names.push_back(machine.outputs[j].name);
     d.output_units.push_back(machine.outputs[j].unit);
   }
-  const double horizon = horizon_of(machine, options);
   if (!w.test.empty()) {
     const Compared values{declared.values, f.refit.values, f.part.fit.values};
     const bool told = longest_free_run(d, record, w, horizon, true, values, true);

@@ -35,8 +35,13 @@ void tell_self_paced(Diagnosis& d) {
     s.push_back(
         format("  %s%s: the residual's likelihood gains %.0f; fitted on part of the data it leaves %.0f %% of the "
                "error of predicting the "
-               "rest, better on %d of %d parts%s.",
+               "rest, better on %d of %d parts%s%s.",
                t.effect.c_str(), beside.c_str(), t.gain, 100.0 * t.predicted, t.better, t.parts,
+               t.instead.empty() ? ""
+                                 : format("; its free runs over the fitted part are off by %.0f %% of what they are "
+                                          "with %s",
+                                          100.0 * t.free_run, t.instead.c_str())
+                                       .c_str(),
                t.taken ? "" : ": not claimed"));
   }
   for (const FreeRun& f : q.runs) {

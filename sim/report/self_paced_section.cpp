@@ -181,7 +181,12 @@ std::string step_table(const Diagnosis& d) {
     h += std::string(t.taken ? "<tr class=\"chosen\"><td>" : "<tr><td>") + t.effect + "</td><td>" +
          (beside.empty() ? "the refitted model" : beside) +
          format("</td><td>%.0f</td><td>%.0f %%</td><td>%d of %d</td><td>%s</td></tr>\n", t.gain, 100.0 * t.predicted,
-                t.better, t.parts, t.taken ? "taken" : "not claimed");
+                t.better, t.parts,
+                (std::string(t.taken ? "taken" : "not claimed") +
+                 (t.instead.empty() ? std::string()
+                                    : format(" instead of %s: free runs off by %.0f %% of what they are with it",
+                                             t.instead.c_str(), 100.0 * t.free_run)))
+                    .c_str());
   }
   return h + "</table>\n";
 }

@@ -183,6 +183,23 @@ TEST_CASE("walking: friction at the hip predicts experiments not fitted, and the
   CHECK(said);
 }
 
+TEST_CASE("three experiments of the walk: of two frictions as likely it is the one that runs free better",
+          "[self-paced][measured]") {
+  Options o;
+  o.candidates = {"coulomb_friction@hip", "viscous_damper@hip"};
+  const Diagnosis d = judged(part(measured("compass-gait-walking.csv"), 5, 7), o);
+  CHECK(d.verdict == Verdict::effect_found);  // the viscous one makes free runs worse than none
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "coulomb_friction@hip");
+  const FreeRun& f = d.self_paced.runs.front();
+  CHECK(f.data == "held out");
+  CHECK(f.after[0] < 0.9 * f.refit[0]);
+  bool said = false;
+  for (const Step& t : d.self_paced.steps)
+    said = said || (t.taken && t.instead == "viscous_damper@hip" && t.free_run < 0.9);
+  CHECK(said);
+}
+
 TEST_CASE("friction of the bench, declared on the walker: nothing of the kind is missing any more",
           "[self-paced][measured]") {
   Options o;
