@@ -31,6 +31,7 @@ class Probe {
   static constexpr int parameters = parameter_count<M> + Wires<M>::parameter_count;
   static constexpr int largest_start = max_dim<M> - (clocked<M> ? 1 : 0);  // coordinates of a start, without a clock
   static constexpr int free_directions = K - largest_start;                // what is left for parameters
+  static constexpr std::int64_t most_parts = 100;
   static_assert(free_directions >= 1);
   using Values = std::array<double, static_cast<std::size_t>(parameters)>;
   using Sample = Vec<ny, D>;
@@ -62,7 +63,8 @@ class Probe {
   }
 
   // Calls on_sample(i, y) for every sample from course.first on; y carries the derivatives. The status is the worst
-  // met; where it is not usable the run ends early. With a clock, start's clock coordinate is the angle at t[first].
+  // met; where it is not usable the run ends early. It is `failed` where stiff forces would cut the steps into more than
+  // most_parts each, on average: a friction that holds its port still for good. With a clock, start's clock coordinate is the angle at t[first].
   // Without `derivatives` only the values of y mean anything, at a fraction of the cost.
   template <class OnSample>
   Status run(const Course& course, const Point<M>& start, OnSample&& on_sample, bool derivatives = true) noexcept {
@@ -107,7 +109,7 @@ class Probe {
   void begin(const Course& course, const Point<M>& start) noexcept {
     course_ = course;
     status_ = Status::ok;
-    events_ = 0;
+    events_ = pieces_ = parts_ = 0;
     at_ = start;
     now_ = course.t[course.first];
     moving_.chart = start.chart;
@@ -222,6 +224,12 @@ class Probe {
     if (h * stiffness > 1.0) parts = std::max(parts, static_cast<int>(std::ceil(std::min(500.0, h * stiffness))));
     const double limit = std::min(longest_step(before), longest_step(at_));
     if (h > limit) parts = std::max(parts, static_cast<int>(std::ceil(h / limit)));
+    ++pieces_;
+    parts_ += parts;
+    if (parts_ > most_parts * (pieces_ + 16)) {
+      status_ = Status::failed;
+      return;
+    }
     if (parts > 1) {
       at_ = before;
       for (int i = 0; i < parts && usable(status_); ++i) part(u, u0, h / parts);
@@ -448,7 +456,7 @@ class Probe {
   Point<LM> moving_{};
   Vec<nu, D> filtered_;
   Sample smoothed_;
-  std::int64_t events_ = 0;
+  std::int64_t events_ = 0, pieces_ = 0, parts_ = 0;
 };
 
 }  // namespace saltus

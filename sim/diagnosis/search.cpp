@@ -8,7 +8,9 @@
 #include <limits>
 
 #include "core/trace/statistics.hpp"
+#include "pieces.hpp"
 #include "sets.hpp"
+#include "setup.hpp"
 
 namespace saltus::diagnosis {
 Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> candidates, double false_alarm)
@@ -16,6 +18,7 @@ Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> can
   for (const int s : segments_) {
     const auto& c = p.data->segments[static_cast<std::size_t>(s)].count;
     samples_ += static_cast<double>((c.array() > 0.0).count());
+    measurements_ += c.sum();
   }
   threshold_ = largest_of(std::max(1, static_cast<int>(candidates_.size())), false_alarm);
   view_level_ = 0.1 * false_alarm;
@@ -64,6 +67,12 @@ bool Search::strayed() const {
     if (p_.tolerance[k] > 0.0 && std::abs(off) > 4.0 * p_.tolerance[k]) return true;
   }
   return false;
+}
+
+bool Search::trifle(const Trial& t) const {
+  constexpr double of_explained = 0.005, of_noise = 0.02;  // [-] of squares
+  const double left = t.fit.chi2 - samples_;
+  return t.effects.size() == 1 && left < of_explained * (base().fit.chi2 - samples_) && left < of_noise * measurements_;
 }
 
 void Search::baseline(const Fit& declared) {
@@ -144,15 +153,43 @@ void Search::judge_scores(Gate& g) const {
   }
 }
 
+// A change of gait leaves hollows between the start and the truth: by pieces, at first with the parameters as they are,
+// which would fill the gap with anything.
+void Search::grow(int added) {
+  const std::vector<int> set{added};
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
+  std::vector<int> part = segments_;
+  if (part.size() > 3) part.resize(3);
+  for (const double guess : {0.1 * c.probe, c.probe}) {
+    FitOptions o;
+    o.iterations = 6;
+    o.refit_parameters = false;
+    Fit f = declared_;
+    f.values[static_cast<std::size_t>(added)] = c.nominal + guess;
+    f = fit_growing(p_, part, f, set, o);
+    o.refit_parameters = true;
+    if (std::isfinite(f.chi2)) f = fit_growing(p_, part, f, set, o);
+    if (!std::isfinite(f.chi2)) continue;
+    Fit others = f;  // the starts of the other segments, at what has been found
+    if (part.size() < segments_.size() && settle_starts(p_, others)) {
+      for (const int s : part) others.start[static_cast<std::size_t>(s)] = f.start[static_cast<std::size_t>(s)];
+      f.start = std::move(others.start);
+    }
+    store({set, fit(p_, segments_, f, set), 0.0, true});
+  }
+}
+
 const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient) {
   const std::vector<int> set = with(from, added);
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
   std::vector<double> guesses;
   if (c.probe > 0.0) {
-    guesses = {c.probe, 0.1 * c.probe, 10.0 * c.probe};
+    guesses = {c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
   } else {
     guesses = {estimate};
-    if (patient) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
+    const double turn = p_.machine->cycle_period;
+    if (patient && c.shifts_time) guesses.insert(guesses.end(), {0.01 * turn, 0.03 * turn, 0.09 * turn});
+    if (patient && !c.shifts_time) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
   }
   Trial t{set, start, 0.0, false};
   t.fit.chi2 = std::numeric_limits<double>::infinity();
@@ -221,6 +258,13 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       progress(0.3 + 0.1 * static_cast<double>(i) / static_cast<double>(others.size()));
     }
   }
+  const double all = base().fit.chi2 - samples_;
+  if (p_.data->sections > 0 && best().fit.chi2 - samples_ > 0.05 * all) {  // nothing is it: perhaps another gait
+    for (const Lead& l : leads) {
+      const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(l.added)];
+      if (c.probe > 0.0 && l.gain > 4.0 && l.gain > 0.02 * leads[0].gain) grow(l.added);
+    }
+  }
   for (std::size_t size = 1; size <= most_effects; ++size) {
     finish_near(0.0);
     Trial b = best();
@@ -230,6 +274,13 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       swap_twins(b);
       b = best();
       if (b.effects.size() == 1 && gate(b.fit).passes()) break;
+    }
+    if (size > 1) {  // where one leaves a trifle, more must leave much less
+      const Trial* one = nullptr;
+      for (const auto& [set, t] : pool_) {
+        if (trifle(t) && (one == nullptr || t.bic < one->bic)) one = &t;
+      }
+      if (one != nullptr && b.fit.chi2 - samples_ > 0.5 * (one->fit.chi2 - samples_)) break;
     }
     // More effects only where these already explain most of what there is.
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
@@ -308,14 +359,28 @@ const Trial& Search::settle() {
     }
     again = best().effects != set;
   }
-  // What does not clear the threshold against the same without it is not there.
+  // What does not clear the threshold against the same without it is not there; the more there are the more it takes,
+  // for every search is one more chance to be misled.
   const Trial* b = &best();
   for (bool again = true; again && !b->effects.empty();) {
     again = false;
+    const double bar = inflation_ * threshold_ * threshold_ * (1.0 + 0.5 * static_cast<double>(b->effects.size() - 1));
     for (const int e : b->effects) {
-      const auto it = pool_.find(without(b->effects, e));
-      if (it != pool_.end() && it->second.fit.cost() - b->fit.cost() < inflation_ * threshold_ * threshold_) {
-        b = &it->second;
+      const std::vector<int> fewer = without(b->effects, e);
+      const auto it = pool_.find(fewer);
+      if (it == pool_.end()) continue;
+      double loss = it->second.fit.cost() - b->fit.cost();
+      const auto at = std::find(b->fit.free.begin(), b->fit.free.end(), e) - b->fit.free.begin();
+      const double nominal = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+      const double off = b->fit.values[static_cast<std::size_t>(e)] - nominal;
+      if (!(loss < bar) && !fewer.empty() && off * off < bar * b->fit.covariance(at, at)) {
+        // Its own interval says that the fit without it was trapped: once more, from here.
+        Fit f = b->fit;
+        f.values[static_cast<std::size_t>(e)] = nominal;
+        loss = store({fewer, fit(p_, segments_, f, fewer), 0.0, true}).fit.cost() - b->fit.cost();
+      }
+      if (loss < bar) {
+        b = &pool_.at(fewer);
         again = true;
         break;
       }

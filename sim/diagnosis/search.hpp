@@ -51,6 +51,9 @@ class Search {
   };
   std::vector<Swap> swap_twins(const Trial& best);
 
+  // A residual far below both the noise and what the one effect explains: with enough data every law is seen to be off.
+  bool trifle(const Trial& t) const;
+
   const Trial& base() const { return pool_.at({}); }
   const Gate& base_gate() const { return base_gate_; }
   // Has the refit carried a declared parameter so far off that it may be imitating an effect?
@@ -65,6 +68,7 @@ class Search {
 
  private:
   const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient);
+  void grow(int added);
   const Trial& store(Trial t);
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
@@ -76,7 +80,7 @@ class Search {
   std::vector<int> segments_, candidates_;
   double threshold_ = 4.0;  // of |z|, for all candidates together
   double view_level_ = 1e-3;
-  double samples_ = 0.0;
+  double samples_ = 0.0, measurements_ = 0.0;  // rows, and what went into them
   double inflation_ = 1.0;  // [-] of a gain in chi^2, where the noise is correlated in time
   Gate base_gate_;
   Fit declared_;  // declared values, with the starts that go with them

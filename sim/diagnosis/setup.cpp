@@ -4,25 +4,44 @@
 #include <cmath>
 
 namespace saltus::diagnosis {
+namespace {
+
+constexpr int settling = 60;  // [turn] to the orbit
+
+// From the orbit through what was applied before the segment, whose first section is that of the clock's zero.
+Start through_history(const Problem& p, const std::vector<double>& values, const std::vector<Start>& orbit,
+                      const Segment& s) {
+  const Machine& m = *p.machine;
+  const std::size_t N = orbit.size();
+  const Start& start = orbit[(N - s.first % N) % N];
+  const Course before{std::span(s.t).first(s.first + 1), std::span(s.u).first((s.first + 1) * m.inputs.size()), 0,
+                      p.h_max};
+  const Response r = m.values_only(values, before, start);
+  return usable(r.status) ? r.end : orbit.front();
+}
+
+}  // namespace
+
+bool settle_starts(const Problem& p, Fit& f) {
+  const auto orbit = p.machine->cycle(f.values, settling, p.data->sections);
+  if (orbit.empty()) return false;
+  for (std::size_t k = 0; k < f.start.size(); ++k)
+    f.start[k] = through_history(p, f.values, orbit, p.data->segments[k]);
+  return true;
+}
 
 void guess_starts(const Problem& p, Data& data, const std::string& record) {
   const Machine& m = *p.machine;
   std::vector<double> values;
   for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
-  const auto orbit = m.cycle(values, 60, data.sections);
+  const auto orbit = m.cycle(values, settling, data.sections);
   if (orbit.empty()) {
     throw RecordError(record,
                       "the declared model does not keep going: it leaves its charts or diverges before it settles",
                       "check --set and the model");
   }
   for (Segment& s : data.segments) {
-    // From the orbit through what was applied before the segment.
-    Course before{s.t, s.u, 0, p.h_max};
-    const Start& start = orbit.front();
-    before.t = before.t.first(s.first + 1);
-    before.u = before.u.first((s.first + 1) * m.inputs.size());
-    const Response r = m.values_only(values, before, start);
-    s.guess = usable(r.status) ? r.end : start;
+    s.guess = through_history(p, values, orbit, s);
     s.spread.clear();
     for (const int c : m.free_coordinates(s.guess.chart)) {
       double low = 1e300, high = -1e300;

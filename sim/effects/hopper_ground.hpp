@@ -70,6 +70,10 @@ struct HopperOnGround {
                         (damping_ratio + std::sqrt(damping_ratio * damping_ratio - 1.0));
     return 0.8 / fast;
   }
+  // [s] Where the foot bounces, small errors grow from hop to hop.
+  double longest_step(Flight) const noexcept { return elastic() ? 0.01 : std::numeric_limits<double>::infinity(); }
+  double longest_step(Stance) const noexcept { return longest_step(Flight{}); }
+  double longest_step(Hop) const noexcept { return 0.005; }
 
   Vec<5, S> flow(Flight c, const Vec<5, S>& x, const U& u) const noexcept { return h.flow(c, x, u); }
   Vec<3, S> flow(Stance c, const Vec<3, S>& x, const U& u) const noexcept { return h.flow(c, x, u); }

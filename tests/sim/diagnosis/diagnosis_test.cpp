@@ -21,6 +21,16 @@ Campaign short_campaign() {
   c.noise = {1e-3, 6e-3};
   return c;
 }
+// As many cycles as effects need that change the motion a great deal.
+Campaign longer_campaign() {
+  Campaign c;
+  c.experiments = 4;
+  c.period = 32;
+  c.settle = 24;
+  c.noise = {1e-3, 6e-3};
+  return c;
+}
+
 Record made(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed,
             const Campaign& c = short_campaign()) {
   const auto m = make_machine("hopper");
@@ -104,6 +114,61 @@ TEST_CASE("a large delay of the sensors, which the parameters imitate when they 
   for (const ParameterRow& p : d.parameters) {
     if (p.tolerance > 0.0) CHECK(std::abs(p.with_effect - p.declared) < 4.0 * p.tolerance);
   }
+}
+
+TEST_CASE("a foot that bounces leads to other gaits: its restitution is found where the cost has many hollows",
+          "[diagnose]") {
+  Options o;
+  o.candidates = {"restitution"};
+  const Diagnosis d = judged(made({{"restitution", 0.2374}}, 1002, longer_campaign()), o);
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(std::abs(d.effects[0].value - 0.2374) < 1e-3);
+  CHECK(d.heldout.refit > 1.3);
+  CHECK(d.heldout.after < 1.05);
+}
+
+TEST_CASE("a ground a hundred times softer than what is looked for first, which mass and drag imitate", "[diagnose]") {
+  Options o;
+  o.candidates = {"compliant_ground", "viscous_drag@body"};
+  const Diagnosis d = judged(made({{"compliant_ground", 0.03}}, 16), o);
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "compliant_ground");
+  CHECK(std::abs(d.effects[0].value - 0.03) < 1e-3);
+}
+
+TEST_CASE("sensors that lag by a whole section are not taken for a clock that is shifted", "[diagnose]") {
+  Options o;
+  o.candidates = {"sensor_lag", "input_lag"};
+  const Diagnosis d = judged(made({{"sensor_lag", 0.03}}, 17, longer_campaign()), o);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "sensor_lag");
+  CHECK(std::abs(d.effects[0].value - 0.03) < 1.5e-3);
+}
+
+TEST_CASE("a little more than noise beside a large effect is said, and does not unsay it", "[diagnose]") {
+  Options o;
+  o.candidates = {"viscous_damper@leg", "quadratic_drag@body", "cubic_stiffness@leg"};
+  const Diagnosis d = judged(made({{"viscous_damper@leg", 1.0}, {"force_profile@leg/5", 0.3}}, 18), o);
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "viscous_damper@leg");
+  CHECK(std::abs(d.effects[0].value - 1.0) < 0.05);
+  WARN(d.chi2_refit << " " << d.chi2_after << " " << d.expected << " " << name(d.verdict));
+  bool said = false;
+  for (const std::string& note : d.notes) said = said || note.find("What is left is more than noise") == 0;
+  CHECK(said);
+}
+
+TEST_CASE("a friction that holds its port still for good ends a run with a status, not the day", "[diagnose]") {
+  const auto m = make_machine("hopper");
+  std::vector<double> values;
+  REQUIRE(values_with(*m, {{"coulomb_friction@foot", 20.0}}, values));
+  std::vector<double> t, u(320, 0.0);
+  for (int i = 0; i < 320; ++i) t.push_back(i / 32.0);
+  const Response r = m->values_only(values, Course{t, u, 0, 1.0 / 64.0}, Start{0, {2.0, 0.0, 0.0, 0.3, 0.0}});
+  CHECK(r.status == Status::failed);
 }
 
 TEST_CASE("an effect of no library: unexplained, not the nearest name", "[diagnose]") {

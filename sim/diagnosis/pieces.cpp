@@ -1,0 +1,102 @@
+#include "pieces.hpp"
+
+#include <cmath>
+#include <limits>
+
+namespace saltus::diagnosis {
+namespace {
+
+// Samples `begin` to `end` of a segment, counted from its first output, and the same history of the input.
+Segment piece_of(const Segment& s, std::size_t begin, std::size_t end, std::size_t inputs) {
+  Segment r;
+  r.experiment = s.experiment;
+  r.first = s.first;
+  const auto from = static_cast<std::ptrdiff_t>(begin), to = static_cast<std::ptrdiff_t>(s.first + end);
+  const auto nu = static_cast<std::ptrdiff_t>(inputs);
+  r.t.assign(s.t.begin() + from, s.t.begin() + to);
+  r.u.assign(s.u.begin() + from * nu, s.u.begin() + to * nu);
+  const auto ny = s.y.size() / static_cast<Eigen::Index>(s.t.size() - s.first);
+  const auto rows = Eigen::seqN(static_cast<Eigen::Index>(begin) * ny, static_cast<Eigen::Index>(end - begin) * ny);
+  r.y = s.y(rows);
+  r.count = s.count(rows);
+  r.within = Eigen::VectorXd::Zero(ny);
+  r.spread = s.spread;
+  return r;
+}
+
+std::size_t samples_of(const Segment& s) { return s.t.size() - s.first; }
+
+// Where the machine is at every multiple of `length` samples, as far as a fit knows.
+std::vector<Start> along(const Problem& p, const Segment& s, const std::vector<double>& values, Start start,
+                         std::size_t length) {
+  const std::size_t inputs = p.machine->inputs.size();
+  std::vector<Start> r;
+  for (std::size_t begin = 0; begin < samples_of(s); begin += length) {
+    r.push_back(start);
+    if (begin + length >= samples_of(s)) break;
+    const std::size_t at = s.first + begin;
+    const Response on =
+        p.machine->values_only(values,
+                               Course{std::span(s.t).subspan(at, length + 1),
+                                      std::span(s.u).subspan(at * inputs, (length + 1) * inputs), 0, p.h_max},
+                               start);
+    if (usable(on.status)) start = on.end;
+  }
+  return r;
+}
+
+}  // namespace
+
+Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
+                const FitOptions& options) {
+  const auto cycle = static_cast<std::size_t>(p.data->sections);
+  Fit best = from;
+  best.chi2 = std::numeric_limits<double>::infinity();
+  std::vector<std::vector<Start>> starts;  // (segments)(pieces)
+  std::size_t longest = 0;
+  for (const int index : segments) {
+    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
+    starts.push_back(along(p, s, from.values, from.start[static_cast<std::size_t>(index)], cycle));
+    longest = std::max(longest, samples_of(s));
+  }
+  for (std::size_t length = cycle;; length *= 2) {
+    Data data;
+    data.sections = p.data->sections;
+    data.noise = p.data->noise;
+    Fit f = best;
+    f.start.clear();
+    std::vector<int> all;
+    for (std::size_t j = 0; j < segments.size(); ++j) {
+      const Segment& s = p.data->segments[static_cast<std::size_t>(segments[j])];
+      for (std::size_t k = 0; k < starts[j].size(); ++k) {
+        const std::size_t begin = k * length, end = std::min(begin + length, samples_of(s));
+        Segment piece = piece_of(s, begin, end, p.machine->inputs.size());
+        piece.guess = starts[j][k];
+        f.start.push_back(piece.guess);
+        all.push_back(static_cast<int>(data.segments.size()));
+        data.segments.push_back(std::move(piece));
+      }
+    }
+    Problem q = p;
+    q.data = &data;
+    f = fit(q, all, f, effects, options);
+    if (!std::isfinite(f.chi2)) return best;
+    // Of every two pieces the first one's start.
+    std::size_t at = 0;
+    for (std::size_t j = 0; j < segments.size(); ++j) {
+      std::vector<Start> next;
+      for (std::size_t k = 0; k < starts[j].size(); ++k, ++at) {
+        if (k == 0) best.start[static_cast<std::size_t>(segments[j])] = f.start[at];
+        if (k % 2 == 0) next.push_back(f.start[at]);
+      }
+      starts[j] = std::move(next);
+    }
+    best.values = f.values;
+    best.chi2 = f.chi2;
+    best.penalty = f.penalty;
+    best.status = f.status;
+    if (length >= longest) return best;
+  }
+}
+
+}  // namespace saltus::diagnosis
