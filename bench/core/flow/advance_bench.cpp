@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/flow/advance.hpp"
+#include "core/flow/rk8.hpp"
 #include "sim/models/hopper.hpp"
 
 namespace {
@@ -91,5 +92,49 @@ BENCHMARK(plain_cycle)
     ->Arg(64)
     ->Arg(256)
     ->Arg(512);
+
+// A tick in which the foot comes down, and one of the same length before it: the difference is the event.
+constexpr double tick = 1.0 / 512.0;  // [s]
+
+struct Landing {
+  Point<Hopper<>> before, at;  // a tick before the one with the touchdown, and at its start
+  Landing() {
+    const Hopper<> m;
+    at = start_of(m);
+    for (bool landed = false; !landed;) {
+      Point<Hopper<>> next = at;
+      landed = advance(m, next, Input<Hopper<>>::Zero(), tick).events > 0;
+      if (landed) break;
+      before = at;
+      at = next;
+    }
+  }
+};
+
+template <class Method, bool touchdown>
+void one_tick(benchmark::State& state) {
+  const Hopper<> m;
+  const Landing landing;
+  for (auto _ : state) {
+    Point<Hopper<>> p = touchdown ? landing.at : landing.before;
+    benchmark::DoNotOptimize(advance<Method>(m, p, Input<Hopper<>>::Zero(), tick));
+  }
+}
+BENCHMARK(one_tick<Rk4, true>)->Name("a tick of the hopper with a touchdown | saltus");
+BENCHMARK(one_tick<Rk4, false>)->Name("a tick of the hopper with a touchdown | without one");
+BENCHMARK(one_tick<Rk8, true>)->Name("a tick of the hopper with a touchdown | saltus rk8");
+BENCHMARK(one_tick<Rk8, false>)->Name("a tick of the hopper with a touchdown | saltus rk8, without one");
+
+void plain_touchdown(benchmark::State& state) {
+  const Landing landing;
+  Plain start;
+  for (int i = 0; i < 5; ++i) start.x[i] = landing.at.x[i];
+  for (auto _ : state) {
+    Plain p = start;
+    p.tick(tick);
+    benchmark::DoNotOptimize(p.x[0]);
+  }
+}
+BENCHMARK(plain_touchdown)->Name("a tick of the hopper with a touchdown | hand-written, bisection by re-integration");
 
 }  // namespace
