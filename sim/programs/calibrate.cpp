@@ -96,7 +96,7 @@ std::string words_of(const Diagnosis& d) {
       if (r.bic > 6.0) continue;
       std::string other;
       for (const auto& n : r.names) other += (other.empty() ? "" : " + ") + n;
-      said += " or " + other;
+      said += " or " + (other.empty() ? "no effect" : other);
     }
   }
   return said;
