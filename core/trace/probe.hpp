@@ -63,9 +63,10 @@ class Probe {
   }
 
   // Calls on_sample(i, y) for every sample from course.first on; y carries the derivatives. The status is the worst
-  // met; where it is not usable the run ends early. It is `failed` where stiff forces would cut the steps into more than
-  // most_parts each, on average: a friction that holds its port still for good. With a clock, start's clock coordinate is the angle at t[first].
-  // Without `derivatives` only the values of y mean anything, at a fraction of the cost.
+  // met; where it is not usable the run ends early. It is `failed` where stiff forces would cut the steps into more
+  // than most_parts each, on average: a friction that holds its port still for good. With a clock, start's clock
+  // coordinate is the angle at t[first]. Without `derivatives` only the values of y mean anything, at a fraction of the
+  // cost.
   template <class OnSample>
   Status run(const Course& course, const Point<M>& start, OnSample&& on_sample, bool derivatives = true) noexcept {
     derivatives_ = derivatives || sensor_moves_;  // a moved sensor is read off the lifted state
@@ -142,9 +143,12 @@ class Probe {
       });
     }
     lagging_ = false;
-    if (wires_.sensor_lag.value > 0.0) {
-      const Reading r = reading();
-      smoothed_ = r.y - r.rate * wires_.sensor_lag;
+    if (wires_.sensor_lag.value > 0.0) {  // as if the motion had gone on like this for ever
+      const double back = 2.0 * wires_.sensor_lag.value;
+      const Vec<nu, D> acts = filtered_;
+      filtered_ = acted();
+      smooth(seen_from_before(-back, [&] { return reading(); }), reading(), back, true);
+      filtered_ = acts;
       lagging_ = true;
     }
   }
@@ -372,7 +376,8 @@ class Probe {
   }
 
   // The lag of a cubic: its particular solution y - l y' + l^2 y'' - l^3 y''', and what is left of the deviation.
-  void smooth(const Reading& a, const Reading& b, double d) noexcept {
+  // `settled`: nothing is left.
+  void smooth(const Reading& a, const Reading& b, double d, bool settled = false) noexcept {
     if (!(d > 1e-9)) return;
     const D& lag = wires_.sensor_lag;
     const D left = exp(-d / lag);
@@ -383,7 +388,7 @@ class Probe {
       const D third = lag * lag * lag * ((6.0 * (a.rate[i] + b.rate[i]) - 12.0 * chord) / (d * d));
       const D settled_a = a.y[i] - lag * a.rate[i] + lag * lag * bend_a - third;
       const D settled_b = b.y[i] - lag * b.rate[i] + lag * lag * bend_b - third;
-      smoothed_[i] = settled_b + (smoothed_[i] - settled_a) * left;
+      smoothed_[i] = settled ? settled_b : settled_b + (smoothed_[i] - settled_a) * left;
     }
   }
 
@@ -425,8 +430,21 @@ class Probe {
     }
     return through_sensors(y);
   }
-  // A sample from before the start: the flow run backwards, no events.
+  // The input that acted until now.
+  Vec<nu, D> acted() const noexcept {
+    return held_ > 0 && !(wires_.input_lag.value > 0.0) && !(boundary(held_) < now_) ? input(held_ - 1) : filtered_;
+  }
+  // A sample from before the start.
   Sample measured_before(double back) noexcept {
+    const Vec<nu, D> acts = filtered_;
+    filtered_ = acted();
+    const Sample y = seen_from_before(back, [&] { return measured(); });
+    filtered_ = acts;
+    return y;
+  }
+  // What `look` sees from `back` seconds (negative) off: the flow run backwards, no events.
+  template <class Look>
+  auto seen_from_before(double back, Look&& look) noexcept {
     const Point<M> keep = at_;
     const Point<LM> keep_moving = moving_;
     visit_chart(keep, [&](auto c) {
@@ -436,10 +454,10 @@ class Probe {
       moving_.set(c, rk4<n, D>(f, x, f(x), back));
       at_.set(c, value_of(moving_.in(c)));
     });
-    const Sample y = measured();
+    const auto seen = look();
     at_ = keep;
     moving_ = keep_moving;
-    return y;
+    return seen;
   }
 
   M model_{};

@@ -209,8 +209,9 @@ std::string self_paced_section(const Diagnosis& d) {
             d.self_paced.independent, d.threshold * d.threshold) +
         "and when, fitted on part of the data, it leaves at most 93 % of the error of predicting the rest (the "
         "geometric mean over the parts left out in turn) and most parts are predicted better. Two that hide each other "
-        "are tried together, each against the other alone. Of laws of one port, three quarters as likely or more, the "
-        "one is taken whose free runs over the fitted part are off by at least a tenth less.</p>\n" +
+        "are tried together, each against the other alone. Of laws of one port that gain at "
+        "least three quarters as much, the one is taken whose free runs over the fitted part are off the least, by a "
+        "tenth or more.</p>\n" +
         step_table(d);
   }
   return h;

@@ -102,6 +102,35 @@ TEST_CASE("signatures of the wires agree with finite differences") {
   CHECK(worst(smooth, index_of_name("sensor_lag"), 1e-6) < 1e-3);
 }
 
+TEST_CASE("a run that begins in mid-motion sees at once what sensors that lag, or are late, have seen by then") {
+  const Experiment e = experiment();
+  for (const char* wire : {"sensor_lag", "sensor_delay"}) {
+    P::Values v = values();
+    v[static_cast<std::size_t>(index_of_name(wire))] = 0.007;
+    std::vector<double> whole;
+    P from_start(v, {});
+    from_start.run(e.course(1.0 / 512), start(), [&](std::size_t, const auto& s) {
+      whole.push_back(s[0].value);
+      whole.push_back(s[1].value);
+    });
+    for (const std::size_t k : {34, 36, 38, 53, 55, 60}) {  // in flight, three samples or more from an event
+      CAPTURE(wire, k);
+      P until(values(), {});
+      const Course before{std::span(e.t).first(k + 1), std::span(e.u).first(k + 1), 4, 1.0 / 512};
+      until.run(before, start(), [](std::size_t, const auto&) {});
+      P then(v, {});
+      std::vector<double> y;
+      then.run(Course{e.t, e.u, k, 1.0 / 512}, until.at(), [&](std::size_t, const auto& s) {
+        y.push_back(s[0].value);
+        y.push_back(s[1].value);
+      });
+      CHECK(std::abs(y[0] - whole[2 * (k - 4)]) < 2e-6);
+      CHECK(std::abs(y[1] - whole[2 * (k - 4) + 1]) <
+            5e-5);  // [m/s] an input's step is a sample back: exp(-31 / 7) left
+    }
+  }
+}
+
 TEST_CASE("a small lag and a small delay are one thing to first order, and so they are at zero") {
   const Experiment e = experiment();
   const std::array<int, 2> wanted{index_of_name("input_delay"), index_of_name("input_lag")};
@@ -149,6 +178,7 @@ TEST_CASE("values without derivatives are the same values") {
   std::vector<double> with_gradient, without;
   P a(v, {}), b(v, {});
   a.run(e.course(1.0 / 64), start(), [&](std::size_t, const auto& s) { with_gradient.push_back(s[0].value); });
-  b.run(e.course(1.0 / 64), start(), [&](std::size_t, const auto& s) { without.push_back(s[0].value); }, false);
+  b.run(
+      e.course(1.0 / 64), start(), [&](std::size_t, const auto& s) { without.push_back(s[0].value); }, false);
   CHECK(with_gradient == without);
 }
