@@ -259,10 +259,13 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
   }
   const double all = base().fit.chi2 - samples_;
-  if (p_.data->sections > 0 && best().fit.chi2 - samples_ > 0.05 * all) {  // nothing is it: perhaps another gait
+  if (p_.data->sections > 0 && best().fit.chi2 - samples_ > 0.05 * all) {
+    // Nothing is it. Of an effect that changes the charts the evidence near zero says little, and it may be another
+    // gait.
     for (const Lead& l : leads) {
-      const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(l.added)];
-      if (c.probe > 0.0 && l.gain > 4.0 && l.gain > 0.02 * leads[0].gain) grow(l.added);
+      if (!(p_.machine->coefficients[static_cast<std::size_t>(l.added)].probe > 0.0)) continue;
+      if (pool_.count({l.added}) == 0) explore({}, base().fit, l.added, l.estimate, true);
+      if (l.gain > 4.0 && l.gain > 0.02 * leads[0].gain) grow(l.added);
     }
   }
   for (std::size_t size = 1; size <= most_effects; ++size) {
