@@ -113,7 +113,7 @@ TEST_CASE("a run that begins in mid-motion sees at once what sensors that lag, o
       whole.push_back(s[0].value);
       whole.push_back(s[1].value);
     });
-    for (const std::size_t k : {34, 36, 38, 53, 55, 60}) {  // in flight, three samples or more from an event
+    for (const std::size_t k : {34u, 36u, 38u, 53u, 55u, 60u}) {  // in flight, three samples or more from an event
       CAPTURE(wire, k);
       P until(values(), {});
       const Course before{std::span(e.t).first(k + 1), std::span(e.u).first(k + 1), 4, 1.0 / 512};
