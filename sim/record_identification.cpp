@@ -136,7 +136,7 @@ Identification identify_record(const Record& record, int harmonics) {
     // The record's own cycle count decides the phase of the stimulus, and the settling where it counts from 0.
     const std::int64_t first_sample = static_cast<std::int64_t>(grid.first_cycle) * sections;
     const std::int64_t skipped = settling_cycles(record, grid);
-    const bool counts_on = skipped > 0 && skipped == settle && grid.first_cycle > 0;
+    const bool counts_on = settle > 0 && grid.first_cycle >= settle;
     const std::int64_t begin = skipped * sections;
     const std::int64_t end = begin + (std::int64_t{grid.cycles} * sections - begin) / length * length;
     if (end <= begin) {

@@ -145,10 +145,8 @@ class Probe {
     lagging_ = false;
     if (wires_.sensor_lag.value > 0.0) {  // as if the motion had gone on like this for ever
       const double back = 2.0 * wires_.sensor_lag.value;
-      const Vec<nu, D> acts = filtered_;
-      filtered_ = acted();
-      smooth(seen_from_before(-back, [&] { return reading(); }), reading(), back, true);
-      filtered_ = acts;
+      const auto seen = [&] { return reading(); };
+      smooth(seen_before(-back, seen), seen_before(0.0, seen), back, true);
       lagging_ = true;
     }
   }
@@ -436,17 +434,16 @@ class Probe {
   }
   // A sample from before the start.
   Sample measured_before(double back) noexcept {
-    const Vec<nu, D> acts = filtered_;
-    filtered_ = acted();
-    const Sample y = seen_from_before(back, [&] { return measured(); });
-    filtered_ = acts;
-    return y;
+    return seen_before(back, [&] { return measured(); });
   }
-  // What `look` sees from `back` seconds (negative) off: the flow run backwards, no events.
+  // What `look` sees `back` seconds (not positive) from the start, under the input that acted until then: the flow run
+  // backwards, no events.
   template <class Look>
-  auto seen_from_before(double back, Look&& look) noexcept {
+  auto seen_before(double back, Look&& look) noexcept {
     const Point<M> keep = at_;
     const Point<LM> keep_moving = moving_;
+    const Vec<nu, D> acts = filtered_;
+    filtered_ = acted();
     visit_chart(keep, [&](auto c) {
       constexpr int n = decltype(c)::dim;
       const auto f = [&](const Vec<n, D>& x) noexcept -> Vec<n, D> { return lifted_.flow(c, x, filtered_); };
@@ -457,6 +454,7 @@ class Probe {
     const auto seen = look();
     at_ = keep;
     moving_ = keep_moving;
+    filtered_ = acts;
     return seen;
   }
 

@@ -220,7 +220,7 @@ void admit_steps(Data& data) {
 
 // The lines a periodic input has power on; empty where there are none, or too many for it to be a sum of cosines.
 std::vector<int> excited_lines(const Segment& s, std::size_t inputs, int period) {
-  const std::size_t L = s.t.size() - s.first;
+  const std::size_t L = s.samples();
   const std::size_t last = std::min(L / 2, static_cast<std::size_t>(10 * period));
   std::vector<Complex> turn(L);
   for (std::size_t n = 0; n < L; ++n)
@@ -291,6 +291,24 @@ void noise_from_residuals(Data& data, const std::vector<Eigen::VectorXd>& residu
     sigma = std::max(sigma, step / std::sqrt(12.0));
     if (sigma > 0.0) data.noise[j] = sigma;
   }
+}
+
+Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t history) {
+  Segment r;
+  r.experiment = s.experiment;
+  r.guess.chart = s.guess.chart;
+  r.first = std::min(s.first + from, history);
+  const auto begin = static_cast<std::ptrdiff_t>(s.first + from - r.first);
+  const auto end = static_cast<std::ptrdiff_t>(s.first + to);
+  const auto inputs = static_cast<std::ptrdiff_t>(s.u.size() / s.t.size());
+  r.t.assign(s.t.begin() + begin, s.t.begin() + end);
+  r.u.assign(s.u.begin() + begin * inputs, s.u.begin() + end * inputs);
+  const auto ny = s.y.size() / static_cast<Eigen::Index>(s.samples());
+  const auto rows = Eigen::seqN(static_cast<Eigen::Index>(from) * ny, static_cast<Eigen::Index>(to - from) * ny);
+  r.y = s.y(rows);
+  r.count = s.count(rows);
+  r.within = s.within;
+  return r;
 }
 
 Data prepare(const Record& record, const Machine& machine) {

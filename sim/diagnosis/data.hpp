@@ -28,6 +28,7 @@ struct Segment {
   std::vector<double> spread;  // (free coordinates of the start) how far off the guess may be
 
   Course course(double h_max) const { return {t, u, first, h_max}; }
+  std::size_t samples() const { return t.size() - first; }  // whose outputs there are
 };
 
 struct Quality {
@@ -52,6 +53,10 @@ struct Data {
 
   std::size_t outputs() const { return static_cast<std::size_t>(noise.size()); }
 };
+
+// Samples `from` to `to` of a segment, counted from its first output, with as much of the input's history as there is,
+// `history` samples at most. What the start may be off by is left to whoever gives it one.
+Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t history);
 
 // Lays out a record for a machine, or throws RecordError saying what to mend.
 Data prepare(const Record& record, const Machine& machine);

@@ -238,23 +238,20 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     }
     after = search.gate(chosen.fit);
     clock.lap("looking for twins");
-    if (!after.passes()) {  // then one effect that leaves next to nothing rather than several that leave less
-      const Trial* one = nullptr;
-      for (const auto& [set, t] : search.pool()) {
-        if (search.trifle(t) && (one == nullptr || t.bic < one->bic)) one = &t;
-      }
-      if (one != nullptr) {
-        chosen = *one;
-        after = search.gate(chosen.fit);
-        d.notes.push_back("What is left is more than noise, though far less than the noise itself and " +
-                          text(100.0 * (chosen.fit.chi2 - search.samples()) / (refit.chi2 - search.samples()), "%.1g") +
-                          " % of what refitting alone leaves: the law found, or the model's steps, are not exactly the "
-                          "machine's.");
-      }
+    bool explained = after.passes();
+    const Trial* one = explained ? nullptr : search.leaving_a_trifle();
+    if (one != nullptr) {  // one effect that leaves next to nothing rather than several that leave less
+      chosen = *one;
+      after = search.gate(chosen.fit);
+      explained = true;
+      d.notes.push_back("What is left is more than noise, though far less than the noise itself and " +
+                        text(100.0 * (chosen.fit.chi2 - search.samples()) / (refit.chi2 - search.samples()), "%.1g") +
+                        " % of what refitting alone leaves: the law found, or the model's steps, are not exactly the "
+                        "machine's.");
     }
-    d.verdict = !(after.passes() || search.trifle(chosen)) ? Verdict::unexplained
-                : chosen.effects.empty()                   ? Verdict::parameters_only
-                                                           : Verdict::effect_found;
+    d.verdict = !explained               ? Verdict::unexplained
+                : chosen.effects.empty() ? Verdict::parameters_only
+                                         : Verdict::effect_found;
   }
 
   // Twins and rivals.

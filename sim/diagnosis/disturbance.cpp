@@ -93,7 +93,7 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
   for (std::size_t k = 0; k < hit.size(); ++k) {
     if (!hit[k]) continue;
     const Segment& seg = s.data.segments[k];
-    const std::size_t n = seg.t.size() - seg.first;
+    const std::size_t n = seg.samples();
     const std::size_t from = s.origin[k].row, margin = n / 2;
     for (std::size_t i = from - std::min(from, margin); i < std::min(record.rows(), from + n + margin); ++i) {
       if (record.experiment[i] == record.experiment[from]) rows[i] = true;

@@ -14,7 +14,7 @@ constexpr double unpredictable =
 // The outputs of a run; empty where the model does not finish it. `most`: by how much an error of its start grows.
 std::vector<double> run_free(const Problem& p, const Segment& s, const std::vector<double>& values,
                              double* most = nullptr) {
-  const std::size_t n = s.t.size() - s.first;
+  const std::size_t n = s.samples();
   Start start = s.guess;
   std::fill(start.x.begin(), start.x.end(), 0.0);
   start.x.resize(p.machine->free_coordinates(start.chart).size(), 0.0);
@@ -61,7 +61,7 @@ FreeRun free_runs(const Problem& p, const std::vector<int>& segments, double hor
       continue;
     }
     f.begin.push_back(s.t[s.first]);
-    const std::size_t n = s.t.size() - s.first, tail = n - std::max<std::size_t>(1, n / 10);
+    const std::size_t n = s.samples(), tail = n - std::max<std::size_t>(1, n / 10);
     for (std::size_t j = 0; j < ny; ++j) {
       double own[3] = {0.0, 0.0, 0.0}, seen = 0.0;
       for (std::size_t i = 0; i < n; ++i) {

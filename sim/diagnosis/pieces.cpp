@@ -6,34 +6,14 @@
 namespace saltus::diagnosis {
 namespace {
 
-// Samples `begin` to `end` of a segment, counted from its first output, and the same history of the input.
-Segment piece_of(const Segment& s, std::size_t begin, std::size_t end, std::size_t inputs) {
-  Segment r;
-  r.experiment = s.experiment;
-  r.first = s.first;
-  const auto from = static_cast<std::ptrdiff_t>(begin), to = static_cast<std::ptrdiff_t>(s.first + end);
-  const auto nu = static_cast<std::ptrdiff_t>(inputs);
-  r.t.assign(s.t.begin() + from, s.t.begin() + to);
-  r.u.assign(s.u.begin() + from * nu, s.u.begin() + to * nu);
-  const auto ny = s.y.size() / static_cast<Eigen::Index>(s.t.size() - s.first);
-  const auto rows = Eigen::seqN(static_cast<Eigen::Index>(begin) * ny, static_cast<Eigen::Index>(end - begin) * ny);
-  r.y = s.y(rows);
-  r.count = s.count(rows);
-  r.within = Eigen::VectorXd::Zero(ny);
-  r.spread = s.spread;
-  return r;
-}
-
-std::size_t samples_of(const Segment& s) { return s.t.size() - s.first; }
-
 // Where the machine is at every multiple of `length` samples, as far as a fit knows.
 std::vector<Start> along(const Problem& p, const Segment& s, const std::vector<double>& values, Start start,
                          std::size_t length) {
   const std::size_t inputs = p.machine->inputs.size();
   std::vector<Start> r;
-  for (std::size_t begin = 0; begin < samples_of(s); begin += length) {
+  for (std::size_t begin = 0; begin < s.samples(); begin += length) {
     r.push_back(start);
-    if (begin + length >= samples_of(s)) break;
+    if (begin + length >= s.samples()) break;
     const std::size_t at = s.first + begin;
     const Response on =
         p.machine->values_only(values,
@@ -57,7 +37,7 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
   for (const int index : segments) {
     const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
     starts.push_back(along(p, s, from.values, from.start[static_cast<std::size_t>(index)], cycle));
-    longest = std::max(longest, samples_of(s));
+    longest = std::max(longest, s.samples());
   }
   for (std::size_t length = cycle;; length *= 2) {
     Data data;
@@ -69,8 +49,9 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
     for (std::size_t j = 0; j < segments.size(); ++j) {
       const Segment& s = p.data->segments[static_cast<std::size_t>(segments[j])];
       for (std::size_t k = 0; k < starts[j].size(); ++k) {
-        const std::size_t begin = k * length, end = std::min(begin + length, samples_of(s));
-        Segment piece = piece_of(s, begin, end, p.machine->inputs.size());
+        const std::size_t begin = k * length, end = std::min(begin + length, s.samples());
+        Segment piece = part_of(s, begin, end, s.first);
+        piece.spread = s.spread;
         piece.guess = starts[j][k];
         f.start.push_back(piece.guess);
         all.push_back(static_cast<int>(data.segments.size()));

@@ -69,10 +69,14 @@ bool Search::strayed() const {
   return false;
 }
 
-bool Search::trifle(const Trial& t) const {
+const Trial* Search::leaving_a_trifle() const {
   constexpr double of_explained = 0.005, of_noise = 0.02;  // [-] of squares
-  const double left = t.fit.chi2 - samples_;
-  return t.effects.size() == 1 && left < of_explained * (base().fit.chi2 - samples_) && left < of_noise * measurements_;
+  const double trifle = std::min(of_explained * (base().fit.chi2 - samples_), of_noise * measurements_);
+  const Trial* best = nullptr;
+  for (const auto& [set, t] : pool_) {
+    if (set.size() == 1 && t.fit.chi2 - samples_ < trifle && (best == nullptr || t.bic < best->bic)) best = &t;
+  }
+  return best;
 }
 
 void Search::baseline(const Fit& declared) {
@@ -279,10 +283,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       if (b.effects.size() == 1 && gate(b.fit).passes()) break;
     }
     if (size > 1) {  // where one leaves a trifle, more must leave much less
-      const Trial* one = nullptr;
-      for (const auto& [set, t] : pool_) {
-        if (trifle(t) && (one == nullptr || t.bic < one->bic)) one = &t;
-      }
+      const Trial* one = leaving_a_trifle();
       if (one != nullptr && b.fit.chi2 - samples_ > 0.5 * (one->fit.chi2 - samples_)) break;
     }
     // More effects only where these already explain most of what there is.

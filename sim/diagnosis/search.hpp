@@ -51,8 +51,9 @@ class Search {
   };
   std::vector<Swap> swap_twins(const Trial& best);
 
-  // A residual far below both the noise and what the one effect explains: with enough data every law is seen to be off.
-  bool trifle(const Trial& t) const;
+  // The best single effect that leaves a trifle, far below both the noise and what it explains: with enough data every
+  // law is seen to be off. Null where there is none.
+  const Trial* leaving_a_trifle() const;
 
   const Trial& base() const { return pool_.at({}); }
   const Gate& base_gate() const { return base_gate_; }
@@ -81,7 +82,7 @@ class Search {
   double threshold_ = 4.0;  // of |z|, for all candidates together
   double view_level_ = 1e-3;
   double samples_ = 0.0, measurements_ = 0.0;  // rows, and what went into them
-  double inflation_ = 1.0;  // [-] of a gain in chi^2, where the noise is correlated in time
+  double inflation_ = 1.0;                     // [-] of a gain in chi^2, where the noise is correlated in time
   Gate base_gate_;
   Fit declared_;  // declared values, with the starts that go with them
   std::map<std::vector<int>, Trial> pool_;

@@ -287,19 +287,17 @@ const Attempt& Selection::run(const std::function<void(double)>& progress, const
 void Selection::prefer_by_free_runs(const FreeRunRatio& free_run, const Attempt& current,
                                     const std::vector<int>& others) {
   const Attempt likeliest = result();
-  const std::size_t mine = account_.size() - 1;
-  const double gain = account_[mine].gain;
-  const int effect = account_[mine].effect;
+  const Trial1 first_taken = account_.back();
   double least = 0.9;
   for (const int c : others) {
     const Attempt first = pool_.at(with(current.effects, c));
     const Attempt more = attempt(first.effects, first.fit, first.noise);
-    const double ratio = free_run(c, more, effect, likeliest);
+    const double ratio = free_run(c, more, first_taken.effect, likeliest);
     if (!(ratio < least)) continue;
     Trial1 t = examine(more, current, c);
-    if (!(t.gain > 0.75 * gain) || !convincing(t)) continue;
+    if (!(t.gain > 0.75 * first_taken.gain) || !convincing(t)) continue;
     t.taken = true;
-    t.instead = effect;
+    t.instead = first_taken.effect;
     t.free_run = least = ratio;
     retract(account_.back().effect);
     account_.push_back(t);

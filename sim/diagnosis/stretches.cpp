@@ -109,23 +109,6 @@ std::vector<double> unwrapped(const std::vector<double>& v, const std::vector<in
   return r;
 }
 
-// Samples `from` to `to` of a stretch.
-Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t inputs, double spacing) {
-  Segment r;
-  r.experiment = s.experiment;
-  r.guess.chart = s.guess.chart;
-  r.first = std::min(s.first + from, static_cast<std::size_t>(history / spacing));
-  const std::size_t begin = s.first + from - r.first, end = s.first + to;
-  r.t.assign(s.t.begin() + static_cast<std::ptrdiff_t>(begin), s.t.begin() + static_cast<std::ptrdiff_t>(end));
-  r.u.assign(s.u.begin() + static_cast<std::ptrdiff_t>(begin * inputs),
-             s.u.begin() + static_cast<std::ptrdiff_t>(end * inputs));
-  const auto ny = s.y.size() / static_cast<Eigen::Index>(s.t.size() - s.first);
-  r.y = s.y.segment(static_cast<Eigen::Index>(from) * ny, static_cast<Eigen::Index>(to - from) * ny);
-  r.count = s.count.segment(static_cast<Eigen::Index>(from) * ny, static_cast<Eigen::Index>(to - from) * ny);
-  r.within = s.within;
-  return r;
-}
-
 }  // namespace
 
 Stretches cut_into_stretches(const Record& record, const Machine& machine, const Cut& cut) {
@@ -215,7 +198,7 @@ bool start_from(const Problem& p, const Segment& s, std::span<const double> valu
   const Data& data = *p.data;
   const auto ny = static_cast<Eigen::Index>(data.outputs());
   const Eigen::Index n = m.starts();
-  const std::size_t n_used = std::min(samples, s.t.size() - s.first);
+  const std::size_t n_used = std::min(samples, s.samples());
   const Course course{std::span(s.t).first(s.first + n_used),
                       std::span(s.u).first((s.first + n_used) * m.inputs.size()), s.first, p.h_max};
   const auto rows = static_cast<Eigen::Index>(n_used) * ny;
@@ -269,14 +252,14 @@ void halve_unstable(const Problem& p, Stretches& s, const std::string& record) {
     std::vector<Origin> origin;
     for (std::size_t k = 0; k < s.data.segments.size(); ++k) {
       const Segment& g = s.data.segments[k];
-      const std::size_t n = g.t.size() - g.first;
+      const std::size_t n = g.samples();
       if (n < 4 * fewest_samples || growth(p, g, values, g.guess) < most) {
         segments.push_back(g);
         origin.push_back(s.origin[k]);
         continue;
       }
       for (const auto& [from, to] : {std::pair<std::size_t, std::size_t>{0, n / 2}, {n / 2, n}}) {
-        segments.push_back(part_of(g, from, to, p.machine->inputs.size(), s.spacing));
+        segments.push_back(part_of(g, from, to, static_cast<std::size_t>(history / s.spacing)));
         const Segment& h = segments.back();
         origin.push_back({s.origin[k].experiment, s.origin[k].cycle, s.origin[k].row + from, h.t[h.first], h.t.back()});
       }
@@ -303,7 +286,7 @@ void guess_starts_from_data(const Problem& p, Data& data, const std::string& rec
                         "check --set, the units and the model");
     }
     // Ever longer, so that a start near an unstable rest is found.
-    const std::size_t n = s.t.size() - s.first;
+    const std::size_t n = s.samples();
     for (std::size_t samples = fewest_samples; samples < n;) {
       samples = std::min(2 * samples, n);
       Start longer = start;

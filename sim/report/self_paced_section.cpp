@@ -178,15 +178,15 @@ std::string step_table(const Diagnosis& d) {
   for (const Step& t : d.self_paced.steps) {
     std::string beside;
     for (const auto& b : t.beside) beside += (beside.empty() ? "" : ", ") + b;
+    std::string what_became = t.taken ? "taken" : "not claimed";
+    if (!t.instead.empty()) {
+      what_became += format(" instead of %s: free runs off by %.0f %% of what they are with it", t.instead.c_str(),
+                            100.0 * t.free_run);
+    }
     h += std::string(t.taken ? "<tr class=\"chosen\"><td>" : "<tr><td>") + t.effect + "</td><td>" +
          (beside.empty() ? "the refitted model" : beside) +
          format("</td><td>%.0f</td><td>%.0f %%</td><td>%d of %d</td><td>%s</td></tr>\n", t.gain, 100.0 * t.predicted,
-                t.better, t.parts,
-                (std::string(t.taken ? "taken" : "not claimed") +
-                 (t.instead.empty() ? std::string()
-                                    : format(" instead of %s: free runs off by %.0f %% of what they are with it",
-                                             t.instead.c_str(), 100.0 * t.free_run)))
-                    .c_str());
+                t.better, t.parts, what_became.c_str());
   }
   return h + "</table>\n";
 }

@@ -34,37 +34,25 @@ struct World {
   }
 };
 
-template <class Family>
-void linearised_cycle(benchmark::State& state) {
+// With its derivatives, or the 32 maps from one section to the next alone.
+template <class Family, bool linearised>
+void cycle(benchmark::State& state) {
   const Family family{sections};
   static World w(family, state.range(0));
   w = World(family, state.range(0));
   static Orbit<Hopper<>, sections> again;
   for (auto _ : state) {
     auto run = w.start();
-    benchmark::DoNotOptimize(trace_cycle(w.m, w.base, family, run, again, &w.system));
+    benchmark::DoNotOptimize(trace_cycle(w.m, w.base, family, run, again, linearised ? &w.system : nullptr));
   }
 }
-BENCHMARK(linearised_cycle<ClockPhases>)->Name("a linearised cycle, clock phases | saltus, exact")->Arg(64)->Arg(512);
-BENCHMARK(linearised_cycle<KinematicPhases>)
+BENCHMARK(cycle<ClockPhases, true>)->Name("a linearised cycle, clock phases | saltus, exact")->Arg(64)->Arg(512);
+BENCHMARK(cycle<KinematicPhases, true>)
     ->Name("a linearised cycle, kinematic phases | saltus, exact")
     ->Arg(64)
     ->Arg(512);
-
-// The sections alone: 32 maps from one to the next, without what their derivatives cost.
-template <class Family>
-void mapped_cycle(benchmark::State& state) {
-  const Family family{sections};
-  static World w(family, state.range(0));
-  w = World(family, state.range(0));
-  static Orbit<Hopper<>, sections> again;
-  for (auto _ : state) {
-    auto run = w.start();
-    benchmark::DoNotOptimize(trace_cycle(w.m, w.base, family, run, again, static_cast<System*>(nullptr)));
-  }
-}
-BENCHMARK(mapped_cycle<ClockPhases>)->Name("a linearised cycle, clock phases | its 32 maps alone")->Arg(64)->Arg(512);
-BENCHMARK(mapped_cycle<KinematicPhases>)
+BENCHMARK(cycle<ClockPhases, false>)->Name("a linearised cycle, clock phases | its 32 maps alone")->Arg(64)->Arg(512);
+BENCHMARK(cycle<KinematicPhases, false>)
     ->Name("a linearised cycle, kinematic phases | its 32 maps alone")
     ->Arg(64)
     ->Arg(512);
@@ -79,7 +67,7 @@ void central_differences(benchmark::State& state) {
   const std::int64_t ticks = w.base.per_turn / sections;
   constexpr double d = 1e-5;
   static System rough;
-  const auto cycle = [&] {
+  const auto differences = [&] {
     for (int n = 0; n < sections; ++n) {
       const auto i = static_cast<std::size_t>(n);
       const Point<M>& from = w.orbit.point[i];
@@ -107,7 +95,7 @@ void central_differences(benchmark::State& state) {
     }
   };
   for (auto _ : state) {
-    cycle();
+    differences();
     benchmark::ClobberMemory();
   }
   double off = 0.0;
