@@ -144,13 +144,19 @@ Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign,
   std::vector<double> values;
   values_with(*machine, changes, values);
   const Record record = synthesise(*machine, values, campaign, seed);
-  Score refused;
-  refused.refused = 1;
-  if (record.rows() == 0) return refused;
-  Score score = refused;
+  Score score;
+  const auto refuse = [&](const std::string& why) {
+    score.trials = score.refused = 1;
+    score.named["refused: " + why] = 1;
+  };
+  if (record.rows() == 0) {
+    refuse("the machine did not keep its rhythm");
+    return score;
+  }
   try {
     score = judge(diagnose(record, *make_machine(a.model), {}), truth);
-  } catch (const RecordError&) {
+  } catch (const RecordError& e) {
+    refuse(e.what());
   }
   if (!a.keep.empty() && score.right == 0)
     write_record(std::filesystem::path(a.keep) / (truth.label + " " + std::to_string(seed) + ".csv"), record);
