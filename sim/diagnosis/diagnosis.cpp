@@ -8,6 +8,7 @@
 #include "../format.hpp"
 #include "core/spectrum/twiddles.hpp"
 #include "core/trace/statistics.hpp"
+#include "partly_seen.hpp"
 #include "pictures.hpp"
 #include "search.hpp"
 #include "setup.hpp"
@@ -108,6 +109,16 @@ std::string name(Verdict v) {
 }
 
 Diagnosis diagnose(const Record& record, Machine& machine, const Options& options) {
+  if (const auto seen = as_recorded(machine, record)) {
+    Diagnosis some = diagnose(record, *seen, options);
+    std::vector<std::string> unseen;
+    for (const Channel& o : machine.outputs) {
+      if (std::find(some.output_names.begin(), some.output_names.end(), o.name) == some.output_names.end())
+        unseen.push_back(o.name);
+    }
+    some.notes.push_back("The record has no " + listed(unseen) + ": what the model says of it is not compared.");
+    return some;
+  }
   if (!machine.has_clock) return diagnose_self_paced(record, machine, options);
   Diagnosis d;
   Clock clock(d);

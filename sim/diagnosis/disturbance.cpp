@@ -1,6 +1,8 @@
 // Where a record is not the machine's alone, or says nothing: it was touched, or it stood still.
 #include <algorithm>
 #include <cmath>
+#include <map>
+#include <utility>
 
 #include "../median.hpp"
 #include "stretches.hpp"
@@ -12,6 +14,28 @@ constexpr double hardly = 0.01;    // [-] of how far the liveliest stretches mov
 constexpr double window = 0.2;     // [s]
 constexpr double far_off = 12.0;   // [-] deviations
 constexpr double accidents = 0.1;  // [-] share of windows; more is the model's fault
+
+// Windows to be compared with one another: all; of a machine in steps those as far into the same chart, where they are
+// enough to tell what is usual.
+std::vector<std::vector<std::size_t>> alike_in(const Stretches& s, bool in_steps) {
+  constexpr std::size_t enough = 6;
+  std::map<std::pair<int, int>, std::vector<std::size_t>> groups;  // by chart, and place in it
+  int place = 0;
+  for (std::size_t k = 0; k < s.origin.size(); ++k) {
+    const auto same_step = [&](const Origin& a, const Origin& b) {
+      return a.experiment == b.experiment && a.cycle == b.cycle;
+    };
+    const int chart = s.data.segments[k].guess.chart;
+    const bool on = k > 0 && same_step(s.origin[k], s.origin[k - 1]) && s.data.segments[k - 1].guess.chart == chart;
+    place = on ? place + 1 : 0;
+    groups[in_steps ? std::pair{chart, place} : std::pair{0, 0}].push_back(k);
+  }
+  std::vector<std::vector<std::size_t>> r;
+  for (auto& [key, group] : groups) {
+    if (group.size() >= enough) r.push_back(std::move(group));
+  }
+  return r;
+}
 
 }  // namespace
 
@@ -72,6 +96,7 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
   for (std::size_t k = 0; k < s.data.segments.size(); ++k) all.push_back(static_cast<int>(k));
   if (forces.empty()) return {};
   const Signatures g = signatures(p, all, declared_fit(p), forces);
+  const auto alike = alike_in(s, machine.in_steps);
   std::vector<bool> hit(all.size(), false);
   for (Eigen::Index c = 0; c < g.C.cols(); ++c) {
     std::vector<double> force(all.size(), 0.0);
@@ -81,11 +106,15 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
       const double information = g.C(part, c).squaredNorm();
       if (information > 0.0) force[k] = g.C(part, c).dot(g.r(part)) / information;
     }
-    const double middle = median(force);
-    std::vector<double> off;
-    for (const double f : force) off.push_back(std::abs(f - middle));
-    const double usual = 1.4826 * median(off);
-    for (std::size_t k = 0; k < all.size(); ++k) hit[k] = hit[k] || off[k] > far_off * usual;
+    // What a model lacks may act in one part of a step: there it is usual.
+    for (const std::vector<std::size_t>& group : alike) {
+      std::vector<double> here, off;
+      for (const std::size_t k : group) here.push_back(force[k]);
+      const double middle = median(here);
+      for (const double f : here) off.push_back(std::abs(f - middle));
+      const double usual = 1.4826 * median(off);
+      for (std::size_t i = 0; i < group.size(); ++i) hit[group[i]] = hit[group[i]] || off[i] > far_off * usual;
+    }
   }
   const auto count = std::count(hit.begin(), hit.end(), true);
   if (count == 0 || static_cast<double>(count) > accidents * static_cast<double>(hit.size())) return {};

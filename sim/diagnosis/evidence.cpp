@@ -210,7 +210,7 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
   Eigen::VectorXd loose = CC.diagonal();
   e.information = CC;
   e.score = Cr;
-  constexpr double looser = 30.0;
+  constexpr double looser = 10.0;
   if (m > 0) {
     X = solve(1.0, NC);
     e.information -= NC.transpose() * X;

@@ -57,6 +57,7 @@ class Machine {
   std::vector<std::string> charts;
   int clock = -1;  // place of "omega", the clock's rate, among the coefficients; -1 without a clock
   bool has_clock = false;
+  bool in_steps = false;    // what carries it from one step to the next is not in the model: the record says when
   double cycle_period = 1;  // [s] of the clock at declared parameters; 1 without a clock
 
   virtual int starts() const = 0;      // directions taken by the start

@@ -7,6 +7,9 @@ std::unique_ptr<Machine> make_machine(const std::string& model) {
   if (model == "bouncing_ball") return bouncing_ball_machine();
   if (model == "pendulum") return pendulum_machine();
   if (model == "leg_bench") return leg_bench_machine();
+  if (model == "kneed_biped") return kneed_biped_machine();
+  if (model == "compass_gait") return compass_gait_machine();
+  if (model == "simplest_walker") return simplest_walker_machine();
   if (model == "compass_gait_robot") return compass_gait_robot_machine();
   return nullptr;
 }

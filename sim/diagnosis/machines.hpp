@@ -9,6 +9,9 @@ std::unique_ptr<Machine> hopper_machine();
 std::unique_ptr<Machine> bouncing_ball_machine();
 std::unique_ptr<Machine> pendulum_machine();
 std::unique_ptr<Machine> leg_bench_machine();
+std::unique_ptr<Machine> kneed_biped_machine();
+std::unique_ptr<Machine> compass_gait_machine();
+std::unique_ptr<Machine> simplest_walker_machine();
 std::unique_ptr<Machine> compass_gait_robot_machine();
 
 }  // namespace saltus::diagnosis

@@ -53,6 +53,7 @@ class ModelMachine final : public Machine {
     model_.model = nominal;
     name = M::name;
     has_clock = clocked<M>;
+    in_steps = requires { decltype(M{}.model)::in_steps; };
     const auto add = [&](std::string label, std::string_view unit, double value, bool candidate) -> Coefficient& {
       coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, 0, -1.0});
       return coefficients.back();
@@ -80,7 +81,8 @@ class ModelMachine final : public Machine {
         full += output ? M::outputs[static_cast<std::size_t>(channel)].name
                        : M::inputs[static_cast<std::size_t>(channel)].name;
       }
-      Coefficient& c = add(full, unit, 0.0, true);
+      const bool idle = M::inputs.empty() && label.starts_with("input");
+      Coefficient& c = add(full, unit, 0.0, !idle);
       c.shifts_time = unit == "s" && label != "clock_offset";
       if (c.shifts_time) c.physical = 1;
     });

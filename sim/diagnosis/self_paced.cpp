@@ -59,8 +59,8 @@ bool longest_free_run(Diagnosis& d, const Record& record, const Work& w, double 
 }
 
 // Of the length asked for, or what is usual: across a step, or a swing.
-double horizon_of(const Machine& m, const Options& o) {
-  return o.horizon > 0.0 ? o.horizon : m.charts.size() > 1 ? 0.2 : 4.0;  // [s]
+double horizon_of(const Work& w, const Options& o) {
+  return o.horizon > 0.0 ? o.horizon : w.p.machine->in_steps ? w.s.length : 4.0;  // [s]
 }
 
 // Error of free runs over the fitted part with a set of effects, over what it is with another: of the usual run and of
@@ -194,7 +194,7 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   const Fit declared = declared_fit(p);
   search.baseline(declared);
   lap("refitting the declared parameters");
-  const double horizon = horizon_of(machine, options);
+  const double horizon = horizon_of(w, options);
   search.run([&](double f) { progress(f, "tracing the residual"); },
              [&](int c, const Attempt& a, int over, const Attempt& with) {
                const bool alike = same_kind(name_of(machine, c), name_of(machine, over));

@@ -44,7 +44,7 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
     still = standing_still(w.s);
     // A short record, or one in which little moves, is cut finer.
     const bool few = w.s.origin.size() - still.size() < enough_stretches;
-    if (!few || o.stretch > 0.0 || machine.charts.size() > 1 || w.s.length < 2.0 * shortest) break;
+    if (!few || o.stretch > 0.0 || machine.in_steps || w.s.length < 2.0 * shortest) break;
     cut.length = 0.5 * w.s.length;
   }
   w.sensors = w.s.data.noise;

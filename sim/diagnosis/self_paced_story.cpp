@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <numbers>
@@ -11,6 +12,19 @@ namespace {
 // Angles are told in degrees.
 double told(double x, const std::string& unit) { return unit.substr(0, 3) == "rad" ? x * 180.0 / std::numbers::pi : x; }
 std::string told_unit(const std::string& unit) { return unit.substr(0, 3) == "rad" ? "deg" + unit.substr(3) : unit; }
+
+// The outputs a reader is told of: where there are many, those that the declared model predicts worst, in its noise.
+std::vector<std::size_t> outputs_to_tell(const Diagnosis& d, const FreeRun& f) {
+  constexpr std::size_t most = 3;
+  std::vector<std::size_t> r(f.after.size());
+  for (std::size_t j = 0; j < r.size(); ++j) r[j] = j;
+  if (r.size() <= most) return r;
+  const auto off = [&](std::size_t j) { return f.before[j] / d.noise[j]; };
+  std::stable_sort(r.begin(), r.end(), [&](std::size_t a, std::size_t b) { return off(a) > off(b); });
+  r.resize(most);
+  std::sort(r.begin(), r.end());
+  return r;
+}
 
 }  // namespace
 
@@ -45,7 +59,9 @@ void tell_self_paced(Diagnosis& d) {
                t.taken ? "" : ": not claimed"));
   }
   for (const FreeRun& f : q.runs) {
-    for (std::size_t j = 0; j < f.after.size(); ++j) {
+    const auto outputs = outputs_to_tell(d, f);
+    if (outputs.size() < f.after.size() && f.data != q.runs.front().data) continue;
+    for (const std::size_t j : outputs) {
       const std::string& u = d.output_units[j];
       s.push_back(format(
           "Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was "
@@ -62,6 +78,9 @@ void tell_self_paced(Diagnosis& d) {
           told(f.after[j], u), told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u),
           told(d.noise[j], u)));
     }
+    if (outputs.size() < f.after.size())
+      s.push_back(format("The other %zu outputs are nearer to what was measured; they are on the page and in the JSON.",
+                         f.after.size() - outputs.size()));
   }
   if (!d.effects.empty() && !q.runs.empty()) {
     for (std::size_t j = 0; j < q.explained.size(); ++j) {

@@ -11,7 +11,7 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr double usual_length = 2.0;        // [s] of a machine that swings on
-constexpr double usual_in_a_step = 0.2;     // [s] between impacts
+constexpr double usual_in_a_step = 0.2;     // [s] between impacts, at least
 constexpr double usual_gap = 2.5;           // [-] of the usual spacing between samples, beyond which some are missing
 constexpr double lost = 0.1;                // [s] without a sample that does not end a stretch: the input held on
 constexpr double history = 0.25;            // [s] of input kept from before a stretch, for inputs that act late
@@ -25,6 +25,11 @@ std::string lower_case(std::string s) {
 // The machine's chart for every chart of the record.
 std::vector<int> charts_of(const Record& record, const Machine& machine) {
   std::vector<int> r;
+  if (machine.in_steps && machine.charts.size() == 1 && record.cycle.empty()) {
+    throw RecordError(record.name,
+                      "it has no column 'cycle', and nothing else says where a step of " + machine.name + " ends",
+                      "count the steps, from impact to impact, in a column 'cycle'");
+  }
   if (machine.charts.size() == 1) return std::vector<int>(record.chart_names.size(), 0);
   if (record.chart.empty()) {
     throw RecordError(record.name, "it has no column 'chart', and the model has several charts",
@@ -54,7 +59,7 @@ struct Piece {
 std::vector<Piece> pieces_of(const Record& record, const Machine& machine, const std::vector<int>& charts,
                              double spacing, const Cut& cut, std::size_t& ringing) {
   std::vector<Piece> r;
-  const bool steps = machine.charts.size() > 1;
+  const bool steps = machine.in_steps;
   const double gap = std::max(usual_gap * spacing, lost);  // [s]
   for (const Experiment& e : experiments(record)) {
     const std::size_t end = e.first_row + e.rows;
@@ -87,6 +92,16 @@ std::vector<Piece> pieces_of(const Record& record, const Machine& machine, const
     }
   }
   return r;
+}
+
+// [s] Two stretches and a bit to a step, where steps are long.
+double within_a_step(const std::vector<Piece>& pieces, double spacing) {
+  if (pieces.empty()) return usual_in_a_step;
+  std::vector<std::size_t> rows;
+  for (const Piece& p : pieces) rows.push_back(p.rows);
+  const auto middle = rows.begin() + static_cast<std::ptrdiff_t>(rows.size() / 2);
+  std::nth_element(rows.begin(), middle, rows.end());
+  return std::max(usual_in_a_step, 0.4 * spacing * static_cast<double>(*middle));
 }
 
 // An angle that is recorded modulo a turn, as the angle that it is.
@@ -138,7 +153,7 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
     if (d < usual_gap * s.spacing) s.jitter = std::max(s.jitter, std::abs(d / s.spacing - 1.0));
   }
   const auto pieces = pieces_of(record, machine, charts, s.spacing, cut, s.ringing);
-  s.length = cut.length > 0.0 ? cut.length : machine.charts.size() > 1 ? usual_in_a_step : usual_length;
+  s.length = cut.length > 0.0 ? cut.length : machine.in_steps ? within_a_step(pieces, s.spacing) : usual_length;
   const auto aim =
       std::max<std::size_t>(fewest_samples, static_cast<std::size_t>(std::lround(s.length / s.spacing)) + 1);
   for (const Piece& p : pieces) {

@@ -12,9 +12,12 @@ namespace saltus {
 namespace compass_gait {
 struct Swing : Chart<4> {};  // (ns, s [rad], their rates [rad/s])
 struct Impact : Edge<Swing, Swing> {};
-struct Ankle {};  // the stance leg against the ground
+struct Ankle {    // the stance leg against the ground
+  static constexpr bool rotary = true;
+};
 struct Hip {      // the swing leg against the stance leg
   static constexpr bool internal = true;
+  static constexpr bool rotary = true;
 };
 }  // namespace compass_gait
 

@@ -14,12 +14,16 @@ struct Unlocked : Chart<6> {};  // (s, ns, k [rad], their rates [rad/s]): the sw
 struct Locked : Chart<4> {};    // (s, ns [rad], their rates [rad/s])
 struct KneeStrike : Edge<Unlocked, Locked> {};
 struct FootStrike : Edge<Locked, Unlocked> {};
-struct Ankle {};  // the stance leg against the ground
+struct Ankle {    // the stance leg against the ground
+  static constexpr bool rotary = true;
+};
 struct Hip {      // the swing thigh against the stance leg
   static constexpr bool internal = true;
+  static constexpr bool rotary = true;
 };
 struct Knee {  // the swing calf against its thigh
   static constexpr bool internal = true;
+  static constexpr bool rotary = true;
 };
 }  // namespace kneed_biped
 

@@ -12,7 +12,9 @@ namespace simplest_walker {
 // legs
 struct Swing : Chart<4> {};
 struct Impact : Edge<Swing, Swing> {};
-struct Ankle {};  // the stance leg against the ground
+struct Ankle {  // the stance leg against the ground
+  static constexpr bool rotary = true;
+};
 }  // namespace simplest_walker
 
 template <class S = double>

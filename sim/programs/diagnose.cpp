@@ -91,7 +91,8 @@ void run(const Arguments& a) {
   auto machine = diagnosis::make_machine(model);
   if (!machine)
     throw UsageError("--model " + model +
-                     ": no records of such a model are diagnosed; there are hopper, bouncing_ball, " +
+                     ": no records of such a model are diagnosed; there are hopper, bouncing_ball, kneed_biped, "
+                     "compass_gait, simplest_walker, " +
                      machine_models());
   if (!record.model.empty() && record.model != model) {
     throw RunError(a.record + ": it says it is of the model " + record.model + ", not " + model + "; choose --model " +
@@ -155,7 +156,9 @@ void add_diagnose(CLI::App& app) {
   command->footer(
       "Example: saltus diagnose record.csv --model hopper --tolerance k=1% --report report --json verdict.json");
   auto a = std::make_shared<Arguments>();
-  command->add_option("RECORD", a->record, "the record: a CSV file, or an LCM event log")->required()->check(CLI::ExistingFile);
+  command->add_option("RECORD", a->record, "the record: a CSV file, or an LCM event log")
+      ->required()
+      ->check(CLI::ExistingFile);
   command->add_option("--model", a->model, "the declared model; where missing, the one the record names");
   command
       ->add_option(
