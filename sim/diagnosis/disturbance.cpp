@@ -15,10 +15,8 @@ constexpr double window = 0.2;     // [s]
 constexpr double far_off = 12.0;   // [-] deviations
 constexpr double accidents = 0.1;  // [-] share of windows; more is the model's fault
 
-// Windows to be compared with one another: all; of a machine in steps those as far into the same chart, where they are
-// enough to tell what is usual.
+// Windows in which the same may be expected: all; of a machine in steps those as far into the same chart.
 std::vector<std::vector<std::size_t>> alike_in(const Stretches& s, bool in_steps) {
-  constexpr std::size_t enough = 6;
   std::map<std::pair<int, int>, std::vector<std::size_t>> groups;  // by chart, and place in it
   int place = 0;
   for (std::size_t k = 0; k < s.origin.size(); ++k) {
@@ -31,9 +29,7 @@ std::vector<std::vector<std::size_t>> alike_in(const Stretches& s, bool in_steps
     groups[in_steps ? std::pair{chart, place} : std::pair{0, 0}].push_back(k);
   }
   std::vector<std::vector<std::size_t>> r;
-  for (auto& [key, group] : groups) {
-    if (group.size() >= enough) r.push_back(std::move(group));
-  }
+  for (auto& [key, group] : groups) r.push_back(std::move(group));
   return r;
 }
 
@@ -106,14 +102,17 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
       const double information = g.C(part, c).squaredNorm();
       if (information > 0.0) force[k] = g.C(part, c).dot(g.r(part)) / information;
     }
-    // What a model lacks may act in one part of a step: there it is usual.
+    const double middle = median(force);
+    std::vector<double> off;
+    for (const double f : force) off.push_back(std::abs(f - middle));
+    const double usual = 1.4826 * median(off);
     for (const std::vector<std::size_t>& group : alike) {
-      std::vector<double> here, off;
+      std::vector<double> here;
       for (const std::size_t k : group) here.push_back(force[k]);
-      const double middle = median(here);
-      for (const double f : here) off.push_back(std::abs(f - middle));
-      const double usual = 1.4826 * median(off);
-      for (std::size_t i = 0; i < group.size(); ++i) hit[group[i]] = hit[group[i]] || off[i] > far_off * usual;
+      const double expected = median(here);
+      // What a model lacks may act in one part of a step, and is there in every step.
+      for (const std::size_t k : group)
+        hit[k] = hit[k] || (off[k] > far_off * usual && std::abs(force[k] - expected) > 0.5 * off[k]);
     }
   }
   const auto count = std::count(hit.begin(), hit.end(), true);

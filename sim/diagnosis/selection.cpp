@@ -16,6 +16,8 @@ constexpr std::size_t most_effects = 4;
 constexpr double worth_asking = 24.0;   // [-] BIC above the result: what a rival predicts
 constexpr double much_better = 0.75;    // [-] of the error before
 constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
+constexpr double noise_like = 1.2;      // [-] of the sensors' noise
+constexpr double nearly_white = 1.15;   // [-] samples to an independent number
 
 // Mean square of the residual in units of the sensors' noise, and in how many independent numbers it comes: the sum of
 // its correlation up to where that vanishes says how many samples make one. One scale for all outputs: what is left is
@@ -49,6 +51,7 @@ void measure(const Problem& p, const std::vector<int>& segments, const Eigen::Ve
   a.scale = std::max(squares / std::max(1.0, n), 1e-300);
   a.independent = std::max(1.0, n / together);
   a.noise = sensors * std::sqrt(a.scale * together);
+  a.quiet = a.scale < noise_like * noise_like && together < nearly_white;
 }
 
 }  // namespace
@@ -192,6 +195,7 @@ Trial1 Selection::examine(const Attempt& more, const Attempt& less, int effect) 
     t.better += a[i] < b[i];
   }
   t.parts = static_cast<int>(a.size());
+  t.quiet = more.quiet;
   t.predicted = std::exp(0.5 * ratio);
   return t;
 }
@@ -201,8 +205,11 @@ double Selection::bar(std::size_t beside) const {
   return threshold_ * threshold_ * (1.0 + 0.5 * static_cast<double>(beside));
 }
 bool Selection::convincing(const Trial1& t) const {
-  const bool plain = t.predicted < much_better && t.better == t.parts;  // every part says so, and loudly
-  return t.gain > bar(plain ? 0 : t.beside.size()) && t.predicted < enough_better && 2 * t.better > t.parts;
+  const bool everywhere = t.better == t.parts;
+  const bool plain = t.predicted < much_better && everywhere;  // every part says so, and loudly
+  // Where noise is nearly all there is, an error cannot fall by much; but there likelihoods are what they claim to be.
+  const bool enough = t.predicted < (t.quiet && everywhere ? 1.0 : enough_better);
+  return t.gain > bar(plain ? 0 : t.beside.size()) && enough && 2 * t.better > t.parts;
 }
 
 const Attempt& Selection::run(const std::function<void(double)>& progress, const FreeRunRatio& free_run) {

@@ -21,6 +21,7 @@ struct Attempt {
   double independent = 1.0;  // [-] independent numbers in it
   Eigen::VectorXd noise;     // (outputs) [unit] such that the residual's sum of squares over it counts those
   bool brief = false;        // a few steps only, to see whether it is worth more
+  bool quiet = false;        // the residual is hardly larger than the sensors' noise, and hardly correlated in time
 };
 
 // Why an effect was taken, or was not.
@@ -30,6 +31,7 @@ struct Trial1 {
   double gain = 0.0;          // [-] fall of -2 log likelihood, the residual's own variance
   double predicted = 0.0;     // [-] error left of that before, on parts left out of the fit: root mean square
   int better = 0, parts = 0;  // parts that were predicted better
+  bool quiet = false;         // nothing but noise is left with it
   bool taken = false;
   int instead = -1;       // of this effect, with a likelihood that is no better reason
   double free_run = 1.0;  // [-] error of free runs, over what it is with that one

@@ -19,7 +19,8 @@ constexpr double close = 6.0;            // [-] BIC: no telling
 constexpr double no_worse = 1.1;         // [-] of the error of predicting what was left out
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
 const std::string no_run = "it is too short, or everywhere an error of the start grows more than twentyfold.";
-constexpr double noise_like = 1.5;  // [-] of the sensors' noise: nothing is missing
+constexpr double noise_like = 1.5;    // [-] of the sensors' noise: nothing is missing
+constexpr double quiet_enough = 1.2;  // [-] of the sensors' noise
 
 bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance,
                   const std::vector<std::string>& patterns) {
@@ -112,7 +113,8 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
                           " over the held-out part worse, and those of no output better by as much.");
     }
     const bool predicted = told && any && !worse;
-    const bool improves = w.test.empty() || predicted || (ratio < 0.97 && !worse);
+    const double enough = d.heldout.after < quiet_enough ? 1.0 : 0.97;  // where noise is nearly all there is
+    const bool improves = w.test.empty() || predicted || (ratio < enough && !worse);
     d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
     if (!improves && !worse)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +

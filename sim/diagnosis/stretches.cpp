@@ -94,14 +94,14 @@ std::vector<Piece> pieces_of(const Record& record, const Machine& machine, const
   return r;
 }
 
-// [s] Two stretches and a bit to a step, where steps are long.
+// [s] Four stretches to a step, where steps are long.
 double within_a_step(const std::vector<Piece>& pieces, double spacing) {
   if (pieces.empty()) return usual_in_a_step;
   std::vector<std::size_t> rows;
   for (const Piece& p : pieces) rows.push_back(p.rows);
   const auto middle = rows.begin() + static_cast<std::ptrdiff_t>(rows.size() / 2);
   std::nth_element(rows.begin(), middle, rows.end());
-  return std::max(usual_in_a_step, 0.4 * spacing * static_cast<double>(*middle));
+  return std::max(usual_in_a_step, 0.25 * spacing * static_cast<double>(*middle));
 }
 
 // An angle that is recorded modulo a turn, as the angle that it is.
