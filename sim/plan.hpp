@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <memory>
+#include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -21,22 +23,33 @@ struct PlanOptions {
   int subsets = 0;          // random partition into so many experiments; 0: the fewest possible
   double amplitude = 0.01;  // [input unit] of each cosine
   bool opposed = false;     // play every stimulus a second time with its sign reversed: even-order distortion cancels
+  bool half_multiples = false;  // the lines k period / 2 too, line 0 included: see set_quadrature()
   std::uint64_t seed = 1;   // of phases and of the random partition
 };
 
 struct Plan {
   PlanOptions options;
-  Clique bound;  // the certificate: so many lines exclude one another that no plan has fewer experiments
+  Clique bound;  // the certificate: so many lines, or plays, exclude one another that no plan has fewer experiments
   std::vector<Multisine<max_tones>> experiments;
   int realisations = 1;  // times that the plan is played, with other phases each time
 
-  // Tones of all experiments; an opposed pair counts once, and so does what is played again.
+  // Lines of all experiments, each counted once however often it is played.
   int lines() const {
-    int n = 0;
-    for (const auto& e : experiments) n += e.tones();
-    return n / realisations / (options.opposed ? 2 : 1);
+    std::set<int> all;
+    for (const auto& e : experiments) {
+      for (int k = 0; k < e.tones(); ++k) all.insert(e.tone(k).line);
+    }
+    return static_cast<int>(all.size());
   }
 };
+
+// Of the experiments of one realisation: the second play of a half multiple of the pumping frequency gets the phase of
+// the first and a quarter turn, so that both together tell the response from its mirror image, with the standard error
+// of any other line played twice; line 0 gets phase 0. All else is left as it is.
+void set_quadrature(std::span<Multisine<max_tones>> experiments, int period);
+
+// The same stimulus with its sign reversed.
+Multisine<max_tones> reversed(const Multisine<max_tones>& u);
 
 // The same stimulus so many times as large, a finite number.
 inline Multisine<max_tones> scaled(const Multisine<max_tones>& u, double factor) {

@@ -49,12 +49,14 @@ void run(const Options& o) {
     most = std::max(most, s.tones());
   }
   if (!quiet) {
-    std::printf("%d lines f = q/%d below %g cycles per cycle, without the multiples of 1/2\n",
-                plan.lines(), o.plan.period, o.plan.band);
+    std::printf("%d lines f = q/%d below %g cycles per cycle, %s\n", plan.lines(), o.plan.period, o.plan.band,
+                o.plan.half_multiples ? "the multiples of 1/2 in two experiments each, 0 in one"
+                                      : "without the multiples of 1/2");
     std::printf(
-        "%zu experiments of %d to %d tones; no plan has fewer than %d: that many lines exclude one another (class %d "
+        "%zu experiments of %d to %d tones; no plan has fewer than %d: that many %s exclude one another (class %d "
         "of %d)\n",
-        plan.experiments.size(), fewest, most, plan.bound.size, plan.bound.residue, o.plan.period);
+        plan.experiments.size(), fewest, most, plan.bound.size, o.plan.half_multiples ? "plays" : "lines",
+        plan.bound.residue, o.plan.period);
     std::printf("amplitude %g a tone, crest factor between samples too %.2f to %.2f, largest sample %.4g\n", o.plan.amplitude, crest_low,
                 crest_high, peak);
   }
@@ -79,7 +81,7 @@ void add_design(CLI::App& app) {
       ->check(CLI::Range(1, 4096));
   command->add_flag("--opposed", o->plan.opposed,
                     "add each stimulus with its sign reversed: even-order distortion cancels");
-  add_design_options(*command, o->design);
+  add_design_options(*command, o->plan, o->design);
   command->add_option("--csv", o->csv, "write experiment,line,f,amplitude,phase to FILE, - for standard output")
       ->type_name("FILE");
   command->add_option("--samples", o->samples, "write experiment,sample,u over one period to FILE")->type_name("FILE");

@@ -224,11 +224,11 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 // With --record the machine has been driven already: what would drive it does not apply.
 void check_record_options(const CLI::App& command, bool any) {
   for (const char* option :
-       {"--link",       "--log",       "--rate",         "--protocol",    "--sections", "--kinematic",
-        "--period",     "--band",      "--amplitude",    "--seed",        "--subsets",  "--tones",
-        "--odd",        "--detection", "--realisations", "--crest",       "--peak",     "--ladder",
-        "--distortion", "--stimulus",  "--cycles",       "--ramp",        "--settle",   "--periods",
-        "--noise",      "--jitter",    "--watch",        "--false-alarm", "--save"}) {
+       {"--link",         "--log",       "--rate",   "--protocol", "--sections",       "--kinematic",  "--period",
+        "--band",         "--amplitude", "--seed",   "--subsets",  "--tones",          "--odd",        "--detection",
+        "--realisations", "--crest",     "--peak",   "--ladder",   "--half-multiples", "--distortion", "--stimulus",
+        "--cycles",       "--ramp",      "--settle", "--periods",  "--noise",          "--jitter",     "--watch",
+        "--false-alarm",  "--save"}) {
     if (command.count(option) == 0) continue;
     if (any && (option == std::string_view("--period") || option == std::string_view("--band"))) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
@@ -304,6 +304,9 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   if (played && (o.distortion || !o.ladder.empty() || o.sections.family != "clock")) {
     throw UsageError("--stimulus " + o.stimulus +
                      ": it is one experiment paced by the clock; leave out --distortion, " + "--ladder and --sections");
+  }
+  if ((played || o.distortion) && o.plan.half_multiples) {
+    throw UsageError("--half-multiples: it takes several experiments; leave out --stimulus and --distortion");
   }
   o.campaign.on_drift = [](const Drift& d) { std::fprintf(stderr, "saltus: drift: %s\n", d.story().c_str()); };
   o.campaign.ticks = o.model.ticks;
@@ -388,7 +391,7 @@ void add_identify(CLI::App& app) {
   add_plan_options(*command, o->plan);
   command->add_option("--subsets", o->plan.subsets, "deal the lines at random into so many experiments")
       ->check(CLI::Range(1, 4096));
-  add_design_options(*command, o->design);
+  add_design_options(*command, o->plan, o->design);
   command
       ->add_option(
           "--ladder", o->ladder,

@@ -1,5 +1,7 @@
 #include "sim/plan.hpp"
 
+#include <map>
+#include <numbers>
 #include <set>
 #include <stdexcept>
 
@@ -55,6 +57,36 @@ TEST_CASE("An opposite is the same stimulus with its sign reversed") {
     CHECK(size > 2.5);
     CHECK(sum < 1e-13 * size);
   }
+}
+
+TEST_CASE("A half multiple is played a second time a quarter turn later, and the constant as it is") {
+  for (const bool opposed : {false, true}) {
+    PlanOptions o;
+    o.opposed = opposed;
+    o.half_multiples = true;
+    const Plan plan = make_plan(o);
+    CHECK(plan.lines() == 640);
+    CHECK(plan.bound.size == 20);
+    CHECK(plan.experiments.size() == (opposed ? 40 : 20));
+    std::map<int, std::vector<double>> phases;
+    for (std::size_t e = 0; e < plan.experiments.size(); e += opposed ? 2 : 1) {
+      const auto& u = plan.experiments[e];
+      for (int k = 0; k < u.tones(); ++k) phases[u.tone(k).line].push_back(u.tone(k).phase);
+    }
+    for (const auto& [q, played] : phases) {
+      REQUIRE(played.size() == (q % 32 == 0 && q != 0 ? 2u : 1u));
+      if (q == 0) CHECK(played[0] == 0.0);
+      if (played.size() == 2) CHECK(std::abs(played[1] - played[0] - 0.5 * std::numbers::pi) < 1e-15);
+    }
+  }
+  // All else is as it was.
+  PlanOptions o;
+  const Plan without = make_plan(o);
+  o.half_multiples = true;
+  CHECK(refusal(o) == "accepted");
+  o.period = 128;
+  CHECK(refusal(o).find("add --tones 64") != std::string::npos);
+  CHECK(without.lines() == 620);
 }
 
 TEST_CASE("The seed decides phases and the random partition, and nothing else does") {

@@ -9,6 +9,7 @@
 #include <numbers>
 #include <set>
 #include <sstream>
+#include <tuple>
 
 using saltus::test::Folder;
 
@@ -159,6 +160,38 @@ TEST_CASE("The rules hold for other periods and bands, odd ones too") {
       CHECK(sizes(rows).size() == clique);
     }
   }
+}
+
+TEST_CASE("Half multiples join the twenty experiments, a quarter turn apart, whatever else is asked for") {
+  const Folder folder;
+  const auto done = folder.run({"design", "--half-multiples", "--csv", "x.csv", "--json", "x.json"});
+  REQUIRE(done.status == 0);
+  CHECK(done.out.find("640 lines") != done.out.npos);
+  CHECK(done.out.find("20 experiments of 32 to 33 tones; no plan has fewer than 20") != done.out.npos);
+  CHECK(nlohmann::json::parse(folder.read("x.json")).at("least_experiments") == 20);
+  REQUIRE(folder
+              .run({"design", "--half-multiples", "--crest", "--peak", "0.04", "--realisations", "2", "--tones", "12",
+                    "--period", "128", "--band", "2", "--csv", "y.csv"})
+              .status == 0);
+  for (const auto& [file, period, realisations] : {std::tuple("x.csv", 64, 1), std::tuple("y.csv", 128, 2)}) {
+    const auto rows = table(folder.read(file));
+    const auto experiments = static_cast<int>(sizes(rows).size());
+    std::map<std::pair<int, int>, std::vector<Row>> played;  // by realisation and line
+    std::map<int, std::vector<int>> lines;
+    for (const Row& r : rows) {
+      played[{r.experiment / (experiments / realisations), r.line}].push_back(r);
+      for (const int other : lines[r.experiment]) CHECK_FALSE(clash(r.line, other, period));
+      lines[r.experiment].push_back(r.line);
+    }
+    for (const auto& [key, plays] : played) {
+      const int q = key.second;
+      REQUIRE(plays.size() == (q != 0 && half_multiple(q, period) ? 2u : 1u));
+      if (q == 0) CHECK(plays[0].phase == 0.0);
+      if (plays.size() == 2) CHECK(std::abs(std::cos(plays[1].phase - plays[0].phase)) < 1e-14);
+    }
+  }
+  CHECK(folder.run({"design", "--half-multiples", "--period", "128"}).status == 2);
+  CHECK(folder.run({"design", "--half-multiples", "--period", "128", "--tones", "64"}).status == 0);
 }
 
 TEST_CASE("Opposed experiments come in pairs that add up to nothing, and samples are the sum of the tones") {
