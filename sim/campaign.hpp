@@ -106,6 +106,7 @@ inline void empty(Record& r) {
 template <class M, class Family>
 struct Station {
   std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
+  std::unique_ptr<LineEstimator<output_count<M>>> pump;  // null: no experiment excites multiples of its frequency
   std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
   std::vector<double> stimulus;
   std::vector<Complex> u;  // of the lines
@@ -116,6 +117,7 @@ struct Played {
   Status status = Status::failed;
   Identification id;  // the estimates alone
   LineNoise noise;
+  LineEquations equations;
   std::vector<Drift> drifts;
   Record rows;
 };
@@ -169,8 +171,15 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   }
   std::vector<Station<M, Family>> stations(
       std::min(static_cast<std::size_t>(std::max(1, o.jobs)), plan.experiments.size() + 1));
+  const bool pumped = std::any_of(plan.experiments.begin(), plan.experiments.end(), [&](const auto& u) {
+    for (int k = 0; k < u.tones(); ++k) {
+      if (residue_class(u.tone(k).line, plan.options.period) == 0) return true;
+    }
+    return false;
+  });
   for (auto& station : stations) {
     station.stimulus.resize(static_cast<std::size_t>(length));
+    if (pumped) station.pump = std::make_unique<LineEstimator<ny>>();
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
       station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
       typename LineEstimator<ny>::Sample band{};
@@ -200,10 +209,12 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   const auto perform = [&](Station<M, Family>& at, std::size_t e, Played& result) {
     const auto& multisine = plan.experiments[e];
     std::vector<int> lines;
+    std::vector<LineEquations::Tone> tones;
     at.u.clear();
     for (int k = 0; k < multisine.tones(); ++k) {
       lines.push_back(multisine.tone(k).line);
       at.u.push_back(multisine.spectrum(multisine.tone(k).line));
+      tones.push_back({lines.back(), at.u.back()});
     }
     Run<M> start;
     start.at = c.orbit.point[0];
@@ -212,6 +223,10 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     if (!multisine.fill(*twiddles, at.stimulus) ||
         at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
         at.estimator->set_baseline(baseline) != Status::ok) {
+      return;
+    }
+    if (at.pump && (follow_pump(*at.pump, plan.options.sections, plan.options.period) != Status::ok ||
+                    at.pump->set_baseline(baseline) != Status::ok)) {
       return;
     }
     Record& rows = result.rows;
@@ -223,6 +238,10 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
       const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
+      if (at.pump) {
+        if (n == 0) at.pump->restart();
+        if (n >= o.settle * plan.options.sections) (void)at.pump->push(n, y);
+      }
       if (at.watch) {
         if (n == 0) at.watch->begin();
         at.watch->push(Input<M>::Constant(input), y);
@@ -248,7 +267,10 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
              std::span<const Complex>(at.u), samples, o.settle * plan.options.sections, *at.estimator, on_sample);
     result.status = near || !usable(s) ? s : Status::failed;
     if (!usable(result.status)) return;
-    collect(*at.estimator, at.u, 0, ny, result.id, result.noise);
+    result.equations = LineEquations(plan.options.sections, plan.options.period);
+    result.equations.begin(std::move(tones));
+    collect(*at.estimator, at.u, 0, ny, result.id, result.noise, result.equations);
+    if (at.pump) collect_pump(*at.pump, {}, 0, ny, result.noise, result.equations);
     const std::lock_guard lock(telling);
     ++done;
     if (progress) progress(static_cast<double>(done) / static_cast<double>(plan.experiments.size()));
@@ -262,6 +284,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     }
   });
   LineNoise line_noise;
+  LineEquations equations;
   for (Played& p : played) {  // in the order of the plan, whoever was first
     if (record != nullptr) append(*record, p.rows);
     p.rows = {};
@@ -271,7 +294,9 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     c.id.samples += o.periods * length;
     c.id.htf.insert(c.id.htf.end(), p.id.htf.begin(), p.id.htf.end());
     line_noise.append(p.noise);
+    equations.append(p.equations);
   }
+  equations.solve(o.harmonics, c.id);
   finish(c.id, line_noise);
   return campaign;
 }

@@ -11,6 +11,7 @@
 #include "core/spectrum/estimator.hpp"
 #include "hal/lockstep.hpp"
 #include "hal/loopback.hpp"
+#include "line_equations.hpp"
 #include "plan.hpp"
 #include "rig.hpp"
 
@@ -150,25 +151,64 @@ struct Identification {
 };
 
 // Takes over the estimator's lines at the end of an experiment; u[k] is the input at tone k [input unit]; channel c of
-// the estimator is output first_output + c. Standard errors come later, from finish().
+// the estimator is output first_output + c. Standard errors come later, from finish(). Multiples of half the pumping
+// frequency become equations, whose experiment has begun; for multiples of the whole see collect_pump().
 template <class Estimator>
 void collect(const Estimator& estimator, std::span<const Complex> u, int first_output, int channels,
-             Identification& out, LineNoise& noise) {
+             Identification& out, LineNoise& noise, LineEquations& equations) {
   const std::int64_t repeats = estimator.periods();
   const auto averaged = static_cast<double>(std::max<std::int64_t>(repeats, 1));
   for (int k = 0; k < estimator.tones(); ++k) {
     const Complex input = u[static_cast<std::size_t>(k)];
+    const int q = estimator.tone_line(k), period = estimator.period();
+    if (residue_class(q, period) == 0) continue;
     for (int l = -estimator.harmonics(); l <= estimator.harmonics(); ++l) {
       for (int c = 0; c < channels; ++c) {
         const Complex y = repeats > 0 ? estimator.mean(k, l, c) : estimator.line(k, l, c);
-        HtfEstimate h{l, estimator.tone_line(k), first_output + c, y / input};
+        HtfEstimate h{l, q, first_output + c, y / input};
         h.sigma = 1.0 / (std::abs(input) * std::sqrt(averaged));  // times the noise of one period: finish()
-        h.cycles = static_cast<int>(averaged) * estimator.period();
-        out.htf.push_back(h);
+        h.cycles = static_cast<int>(averaged) * period;
+        if (identifiable(q, period)) {
+          out.htf.push_back(h);
+        } else if (!equations.add(q + l * period, h.output, y, static_cast<std::int64_t>(averaged))) {
+          continue;
+        }
         if (repeats >= 2) {
-          const double f = static_cast<double>(h.line) / estimator.period() + l;
+          const double f = static_cast<double>(q) / period + l;
           noise.add(h.output, f, estimator.variance(k, l, c), repeats);
         }
+      }
+    }
+  }
+}
+
+// Lets an estimator follow the multiples of the pumping frequency 0 ... N / 2, on which the machine's own cycle lies.
+template <class Estimator>
+[[nodiscard]] Status follow_pump(Estimator& estimator, int sections, int period) {
+  std::vector<int> lines;  // each stands in the middle of its harmonics
+  for (int s = max_harmonics; s - max_harmonics <= sections / 2; s += 2 * max_harmonics + 1)
+    lines.push_back(s * period);
+  return estimator.configure(sections, period, lines, max_harmonics);
+}
+
+// Takes them over as equations: of the experiments that excite them and of those that do not, which tell the cycle.
+// `baseline` is what was subtracted of one channel, a value a section; empty where it was the same for all experiments.
+template <class Estimator>
+void collect_pump(const Estimator& estimator, std::span<const double> baseline, int first_output, int channels,
+                  LineNoise& noise, LineEquations& equations) {
+  const std::int64_t repeats = estimator.periods();
+  const int sections = estimator.sections();
+  for (int s = 0; s <= sections / 2; ++s) {
+    const int k = s / (2 * max_harmonics + 1), l = s % (2 * max_harmonics + 1) - max_harmonics;
+    Complex cycle{};
+    for (std::size_t n = 0; n < baseline.size(); ++n) {
+      cycle += baseline[n] / sections * root_of_unity(-static_cast<std::int64_t>(n) * s, sections);
+    }
+    for (int c = 0; c < channels; ++c) {
+      const Complex y = cycle + (repeats > 0 ? estimator.mean(k, l, c) : estimator.line(k, l, c));
+      (void)equations.add(s * estimator.period(), first_output + c, y, std::max<std::int64_t>(repeats, 1));
+      if (repeats >= 2 && s > 0 && 2 * s < sections) {  // the others are real numbers: half the freedom
+        noise.add(first_output + c, s, estimator.variance(k, l, c), repeats);
       }
     }
   }

@@ -3,6 +3,7 @@
 #include <unsupported/Eigen/FFT>
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <memory>
 
@@ -12,8 +13,18 @@ namespace {
 constexpr double excited = 1e-3;  // [-] of the largest line: a tone, not rounding of the file
 
 struct Excitation {
-  std::vector<int> lines;
+  std::vector<int> lines;  // that the estimator follows
   std::vector<Complex> u;  // (1/L) sum_n u(n) exp(-2 pi i q n / L)
+  std::vector<LineEquations::Tone> half_multiples;
+  double constant = 0.0, largest = 0.0;  // of the input, and its largest line
+};
+
+// An experiment, cut to whole stimulus periods.
+struct Part {
+  int id = 0;
+  Grid grid;
+  std::int64_t first_sample = 0, begin = 0, end = 0;
+  Excitation tones;
 };
 
 // One stimulus period of the input, averaged over the repeats.
@@ -46,7 +57,8 @@ std::vector<double> mean_period(const Record& record, const Experiment& e, const
   return mean;
 }
 
-// The tones of a period; those that answer on each other's lines are left out and named in the notes.
+// The tones of a period; those that answer on each other's lines are left out and named in the notes. What comes of
+// half multiples of the pumping frequency all experiments decide together.
 Excitation find_tones(const std::vector<double>& period, int cycles, int id, std::vector<std::string>& notes) {
   Eigen::FFT<double> fft;
   std::vector<Complex> spectrum;
@@ -55,6 +67,8 @@ Excitation find_tones(const std::vector<double>& period, int cycles, int id, std
   double largest = 0.0;
   for (int q = 1; 2 * q <= length; ++q) largest = std::max(largest, std::abs(spectrum[static_cast<std::size_t>(q)]));
   Excitation r;
+  r.constant = spectrum[0].real() / length;
+  r.largest = largest / length;
   if (!(largest > 1e-12 * length)) return r;
   std::map<int, std::vector<int>> classes;
   for (int q = 1; 2 * q <= length; ++q) {
@@ -62,9 +76,15 @@ Excitation find_tones(const std::vector<double>& period, int cycles, int id, std
       classes[residue_class(q, cycles)].push_back(q);
   }
   for (const auto& [residue, lines] : classes) {
-    if (lines.size() == 1 && identifiable(lines[0], cycles)) {
-      r.lines.push_back(lines[0]);
-      r.u.push_back(spectrum[static_cast<std::size_t>(lines[0])] / static_cast<double>(length));
+    const bool alone = identifiable(lines[0], cycles);
+    if (!alone || lines.size() == 1) {
+      for (const int q : lines) {
+        const Complex u = spectrum[static_cast<std::size_t>(q)] / static_cast<double>(length);
+        if (!alone) r.half_multiples.push_back({q, u});
+        if (residue == 0) continue;
+        r.lines.push_back(q);
+        r.u.push_back(u);
+      }
       continue;
     }
     if (notes.size() < 20) {
@@ -77,16 +97,27 @@ Excitation find_tones(const std::vector<double>& period, int cycles, int id, std
   return r;
 }
 
-// The mean over the cycles from sample `begin` to `end`: on multiples of the pumping frequency, where no tone is, so
-// that subtracting it changes no estimate and makes a missing sample neutral.
-template <class Sample>
-std::vector<Sample> mean_cycle(const std::vector<double>& y, std::int64_t begin, std::int64_t end, int sections) {
-  std::vector<Sample> mean(static_cast<std::size_t>(sections), Sample{});
+// A constant that is the same in all experiments belongs to the machine's cycle; one that differs is a tone on line 0.
+void find_constants(std::vector<Part>& parts) {
+  double low = std::numeric_limits<double>::infinity(), high = -low, largest = 0.0;
+  for (const Part& p : parts) {
+    low = std::min(low, p.tones.constant);
+    high = std::max(high, p.tones.constant);
+    largest = std::max({largest, p.tones.largest, std::abs(p.tones.constant)});
+  }
+  if (!(high - low > excited * largest)) return;
+  for (Part& p : parts) p.tones.half_multiples.push_back({0, p.tones.constant});
+}
+
+// The mean over the cycles from sample `begin` to `end`: on multiples of the pumping frequency, where it is put back
+// when they are wanted, so that subtracting it changes no estimate and makes a missing sample neutral.
+std::vector<double> mean_cycle(const std::vector<double>& y, std::int64_t begin, std::int64_t end, int sections) {
+  std::vector<double> mean(static_cast<std::size_t>(sections), 0.0);
   std::vector<std::int64_t> count(mean.size(), 0);
   for (std::int64_t i = begin; i < end; ++i) {
     const double v = y[static_cast<std::size_t>(i)];
     const auto s = static_cast<std::size_t>(i % sections);
-    if (std::isfinite(v)) mean[s][0] += (v - mean[s][0]) / static_cast<double>(++count[s]);
+    if (std::isfinite(v)) mean[s] += (v - mean[s]) / static_cast<double>(++count[s]);
   }
   return mean;
 }
@@ -127,62 +158,86 @@ Identification identify_record(const Record& record, int harmonics) {
   id.sections = sections;
   id.period = period;
   LineNoise noise;
+  LineEquations equations(sections, period);
   using Estimator = LineEstimator<1>;
   const auto estimator = std::make_unique<Estimator>();
-  bool any_period = false, any_tone = false;
+  std::vector<Part> parts;
   for (const Experiment& e : experiments(record)) {
-    const Grid grid = on_grid(record, e);
+    Part p{e.id, on_grid(record, e), 0, 0, 0, {}};
     const std::string experiment = "experiment " + std::to_string(e.id);
     // The record's own cycle count decides the phase of the stimulus, and the settling where it counts from 0.
-    const std::int64_t first_sample = static_cast<std::int64_t>(grid.first_cycle) * sections;
-    const std::int64_t skipped = settling_cycles(record, grid);
-    const bool counts_on = settle > 0 && grid.first_cycle >= settle;
-    const std::int64_t begin = skipped * sections;
-    const std::int64_t end = begin + (std::int64_t{grid.cycles} * sections - begin) / length * length;
-    if (end <= begin) {
+    p.first_sample = static_cast<std::int64_t>(p.grid.first_cycle) * sections;
+    const bool counts_on = settle > 0 && p.grid.first_cycle >= settle;
+    p.begin = std::int64_t{settling_cycles(record, p.grid)} * sections;
+    p.end = p.begin + (std::int64_t{p.grid.cycles} * sections - p.begin) / length * length;
+    if (p.end <= p.begin) {
       id.notes.push_back(experiment + ": shorter than one stimulus period after settling, not used");
       continue;
     }
-    any_period = true;
     if (counts_on) {
-      id.notes.push_back(experiment + ": begins at cycle " + std::to_string(grid.first_cycle) + ", its first " +
+      id.notes.push_back(experiment + ": begins at cycle " + std::to_string(p.grid.first_cycle) + ", its first " +
                          std::to_string(settle) + " cycles left out as settling");
     }
-    const std::vector<double> u = mean_period(record, e, grid.inputs[0], length, static_cast<std::size_t>(begin));
+    const std::vector<double> u = mean_period(record, e, p.grid.inputs[0], length, static_cast<std::size_t>(p.begin));
     // Slot 0 of the mean is sample 0 of the grid; the estimator counts from the record's cycle 0.
     std::vector<double> aligned(u.size());
     for (std::size_t n = 0; n < u.size(); ++n) {
-      aligned[static_cast<std::size_t>(wrap(first_sample + static_cast<std::int64_t>(n), length))] = u[n];
+      aligned[static_cast<std::size_t>(wrap(p.first_sample + static_cast<std::int64_t>(n), length))] = u[n];
     }
-    const Excitation tones = find_tones(aligned, period, e.id, id.notes);
-    any_tone = any_tone || !tones.lines.empty();
-    id.samples += end - begin;
-    id.missing += count_missing(grid, begin, end);
-    for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
-      const std::size_t n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
-      const std::span<const int> lines(tones.lines.data() + from, n);
-      for (std::size_t c = 0; c < grid.outputs.size(); ++c) {
-        const std::vector<double>& y = grid.outputs[c];
-        if (estimator->configure(sections, period, lines, harmonics) != Status::ok ||
-            estimator->set_baseline(mean_cycle<Estimator::Sample>(y, begin, end, sections)) != Status::ok) {
+    p.tones = find_tones(aligned, period, e.id, id.notes);
+    parts.push_back(std::move(p));
+  }
+  find_constants(parts);
+  const bool pumped = std::any_of(parts.begin(), parts.end(), [&](const Part& p) {
+    const auto& all = p.tones.half_multiples;
+    return std::any_of(all.begin(), all.end(), [&](const auto& t) { return residue_class(t.line, period) == 0; });
+  });
+  for (const Part& p : parts) {
+    const Excitation& tones = p.tones;
+    id.samples += p.end - p.begin;
+    id.missing += count_missing(p.grid, p.begin, p.end);
+    equations.begin(tones.half_multiples);
+    for (std::size_t c = 0; c < p.grid.outputs.size(); ++c) {
+      const std::vector<double>& y = p.grid.outputs[c];
+      const std::vector<double> cycle = mean_cycle(y, p.begin, p.end, sections);
+      std::vector<Estimator::Sample> baseline;
+      for (const double v : cycle) baseline.push_back({v});
+      // What the configured estimator makes of the output; false where nothing was measured of it.
+      const auto listen = [&](Status configured) {
+        if (configured != Status::ok || estimator->set_baseline(baseline) != Status::ok) {
           refuse("the estimator cannot take it", "thin the record");
         }
-        for (std::int64_t i = begin; i < end; ++i) {
-          const Status s = estimator->push(first_sample + i, {y[static_cast<std::size_t>(i)]});
+        for (std::int64_t i = p.begin; i < p.end; ++i) {
+          const Status s = estimator->push(p.first_sample + i, {y[static_cast<std::size_t>(i)]});
           id.worst = worse(id.worst, s);
         }
+        return estimator->holes() < length;
+      };
+      for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
+        const std::size_t n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
+        const std::span<const int> lines(tones.lines.data() + from, n);
+        const bool heard = listen(estimator->configure(sections, period, lines, harmonics));
         const int holes = estimator->holes();
         if (holes > 0 && from == 0) {
-          id.notes.push_back(experiment + ": " + std::to_string(holes) + " of the " + std::to_string(length) +
-                             " samples of a stimulus period were never measured of " + record.outputs[c].name +
-                             (holes == length ? ", which is left out" : " and count as undisturbed"));
+          id.notes.push_back("experiment " + std::to_string(p.id) + ": " + std::to_string(holes) + " of the " +
+                             std::to_string(length) + " samples of a stimulus period were never measured of " +
+                             record.outputs[c].name + (heard ? " and count as undisturbed" : ", which is left out"));
         }
-        if (holes == length) continue;
-        collect(*estimator, std::span<const Complex>(tones.u.data() + from, n), static_cast<int>(c), 1, id, noise);
+        if (!heard) continue;
+        collect(*estimator, std::span<const Complex>(tones.u.data() + from, n), static_cast<int>(c), 1, id, noise,
+                equations);
+      }
+      if (pumped && listen(follow_pump(*estimator, sections, period))) {
+        collect_pump(*estimator, cycle, static_cast<int>(c), 1, noise, equations);
       }
     }
   }
-  if (!any_period) {
+  equations.solve(harmonics, id);
+  const bool any_tone = !id.htf.empty() || std::any_of(parts.begin(), parts.end(), [&](const Part& p) {
+    const auto& all = p.tones.lines;
+    return std::any_of(all.begin(), all.end(), [&](int q) { return identifiable(q, period); });
+  });
+  if (parts.empty()) {
     refuse("no experiment has a whole stimulus period after its settling cycles",
            "record longer, or correct `# settle-cycles`");
   }

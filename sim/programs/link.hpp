@@ -167,7 +167,8 @@ class MachineOverLink {
         for (int k = 0; k < estimator.tones(); ++k) {
           const auto i = static_cast<std::size_t>(k);
           h.line[i] = estimator.tone_line(k);
-          h.value[i] = estimator.line(k, m, c) / u[i];
+          const bool alone = identifiable(h.line[i], h.period);  // else it takes more experiments than this one
+          h.value[i] = alone ? estimator.line(k, m, c) / u[i] : Complex(std::nan(""), std::nan(""));
         }
         (void)board_.post(h);
       }
