@@ -1,6 +1,7 @@
 #include "experiment_design.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
@@ -94,11 +95,16 @@ double crest_between_samples(const Multisine<max_tones>& stimulus) {
 Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
   PlanOptions once = options;
   once.opposed = false;
+  once.inputs = 1;
+  once.share.clear();
   const bool selected = d.tones != 0 || d.odd || d.detection != 0;
   if (selected) once.half_multiples = false;
   Plan plan = make_plan(once);  // refuses what cannot be
   once.half_multiples = options.half_multiples;
   if (selected) plan = selected_plan(once, d);
+  if (d.peak_limit > 0.0 && !std::has_single_bit(static_cast<unsigned>(options.inputs))) {
+    refuse("--peak: every play has a peak of its own unless there are 1, 2, 4 or 8 inputs");
+  }
   if (d.realisations < 1) refuse("--realisations: play the plan once at least");
   const std::vector<Multisine<max_tones>> base = plan.experiments;
   plan.options = options;
@@ -131,9 +137,8 @@ Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
         if (!std::isfinite(factor)) refuse("--peak: give a positive number");
         u = scaled(u, factor);
       }
-      plan.experiments.push_back(u);
-      if (options.opposed) plan.experiments.push_back(reversed(u));
     }
+    for (const auto& u : repeated(stimuli, options)) plan.experiments.push_back(u);
   }
   return plan;
 }

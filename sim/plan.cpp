@@ -1,10 +1,16 @@
 #include "plan.hpp"
 
+#include <bit>
 #include <map>
 #include <numbers>
 #include <stdexcept>
 
 namespace saltus {
+namespace {
+
+[[noreturn]] void refuse(const std::string& why) { throw std::invalid_argument(why); }
+
+}  // namespace
 
 void set_quadrature(std::span<Multisine<max_tones>> experiments, int period) {
   std::map<int, double> first;
@@ -33,8 +39,47 @@ Multisine<max_tones> reversed(const Multisine<max_tones>& u) {
   return r;
 }
 
+Multisine<max_tones> Plan::stimulus(std::size_t experiment, int input) const {
+  const Multisine<max_tones>& u = experiments[experiment];
+  const int play = static_cast<int>(experiment) / (options.opposed ? 2 : 1) % options.inputs;
+  const auto j = static_cast<std::size_t>(input);
+  const double share = j < options.share.size() ? options.share[j] : 1.0;
+  const bool signs = std::has_single_bit(static_cast<unsigned>(options.inputs));
+  const double turn = signs ? (std::popcount(static_cast<unsigned>(input & play)) % 2 != 0 ? 0.5 : 0.0)
+                            : static_cast<double>(input * play % options.inputs) / options.inputs;
+  Multisine<max_tones> r(u.samples());
+  for (int k = 0; k < u.tones(); ++k) {
+    Tone t = u.tone(k);
+    t.amplitude *= share;
+    if (signs || t.line != 0) {
+      t.phase += 2.0 * std::numbers::pi * turn;
+    } else if (play != input) {
+      t.amplitude = 0.0;
+    }
+    if (!r.add(t)) break;  // not finite: not of a plan
+  }
+  return r;
+}
+
+std::vector<Multisine<max_tones>> repeated(const std::vector<Multisine<max_tones>>& stimuli, const PlanOptions& o) {
+  if (o.inputs < 1 || o.inputs > most_inputs) {
+    refuse("--inputs: an experiment has 1 to " + std::to_string(most_inputs) + " inputs");
+  }
+  if (o.share.size() > static_cast<std::size_t>(o.inputs)) refuse("--share: there are not so many inputs");
+  for (const double part : o.share) {
+    if (!(part > 0.0) || !std::isfinite(part)) refuse("--share: give positive numbers");
+  }
+  std::vector<Multisine<max_tones>> all;
+  for (const auto& u : stimuli) {
+    for (int play = 0; play < o.inputs; ++play) {
+      all.push_back(u);
+      if (o.opposed) all.push_back(reversed(u));
+    }
+  }
+  return all;
+}
+
 Plan make_plan(const PlanOptions& o) {
-  const auto refuse = [](const std::string& why) { throw std::invalid_argument(why); };
   if (o.period < 3 || o.period > 2 * max_tones) {
     refuse("--period " + std::to_string(o.period) + ": a stimulus repeats after 3 to " + std::to_string(2 * max_tones) +
            " cycles");
@@ -76,10 +121,7 @@ Plan make_plan(const PlanOptions& o) {
     stimuli.push_back(stimulus);
   }
   if (o.half_multiples) set_quadrature(stimuli, o.period);
-  for (const auto& stimulus : stimuli) {
-    plan.experiments.push_back(stimulus);
-    if (o.opposed) plan.experiments.push_back(reversed(stimulus));
-  }
+  plan.experiments = repeated(stimuli, o);
   return plan;
 }
 

@@ -89,6 +89,48 @@ TEST_CASE("A half multiple is played a second time a quarter turn later, and the
   CHECK(without.lines() == 620);
 }
 
+TEST_CASE("The plays of several inputs are orthogonal, line by line, and shared out") {
+  for (const int inputs : {1, 2, 3, 4, 5, 8}) {
+    PlanOptions o;
+    o.period = 8;
+    o.band = 3.0;
+    o.half_multiples = true;
+    o.inputs = inputs;
+    o.share = {1.0, 0.1};
+    o.share.resize(std::min<std::size_t>(2, static_cast<std::size_t>(inputs)));
+    const Plan plan = make_plan(o);
+    REQUIRE(plan.experiments.size() == static_cast<std::size_t>(6 * inputs));
+    CHECK(plan.lines() == 24);
+    CHECK(plan.least_experiments() == 6 * inputs);
+    for (std::size_t e = 0; e < plan.experiments.size(); e += static_cast<std::size_t>(inputs)) {
+      for (int k = 0; k < plan.experiments[e].tones(); ++k) {
+        const int q = plan.experiments[e].tone(k).line;
+        for (int i = 0; i < inputs; ++i) {
+          for (int j = 0; j <= i; ++j) {
+            Complex sum{};
+            for (int play = 0; play < inputs; ++play) {
+              const auto at = e + static_cast<std::size_t>(play);
+              sum += plan.stimulus(at, i).spectrum(q) * std::conj(plan.stimulus(at, j).spectrum(q));
+            }
+            const double share = (i == 1 ? 0.1 : 1.0) * (j == 1 ? 0.1 : 1.0);
+            const bool alone = q == 0 && (inputs == 3 || inputs == 5);  // a constant goes to one input at a time
+            const double size = q != 0 ? 0.25 * inputs : alone ? 1.0 : inputs;
+            CHECK(std::abs(sum - (i == j ? size * share * 1e-4 : 0.0)) < 1e-16);
+          }
+        }
+      }
+    }
+  }
+  PlanOptions o;
+  o.inputs = 9;
+  CHECK(refusal(o).find("--inputs") == 0);
+  o.inputs = 2;
+  o.share = {1.0, 1.0, 1.0};
+  CHECK(refusal(o).find("--share") == 0);
+  o.share = {1.0, -1.0};
+  CHECK(refusal(o).find("--share") == 0);
+}
+
 TEST_CASE("The seed decides phases and the random partition, and nothing else does") {
   PlanOptions o;
   o.subsets = 80;

@@ -194,6 +194,31 @@ TEST_CASE("Half multiples join the twenty experiments, a quarter turn apart, wha
   CHECK(folder.run({"design", "--half-multiples", "--period", "128", "--tones", "64"}).status == 0);
 }
 
+TEST_CASE("A design for two inputs says what each gets") {
+  const Folder folder;
+  REQUIRE(folder
+              .run({"design", "--inputs", "2", "--share", "1,0.5", "--period", "8", "--band", "2", "--csv", "x.csv",
+                    "--samples", "s.csv", "--json", "x.json"})
+              .status == 0);
+  std::istringstream in(folder.read("x.csv"));
+  std::string line;
+  std::getline(in, line);
+  CHECK(line == "experiment,line,f,amplitude,phase,input");
+  double sums[3] = {};
+  while (std::getline(in, line)) {
+    std::vector<std::string> cells;
+    std::istringstream row(line);
+    for (std::string cell; std::getline(row, cell, ',');) cells.push_back(cell);
+    REQUIRE(cells.size() == 6);
+    sums[cells[5] == "1" ? 1 : 2] += std::stod(cells[3]);
+  }
+  CHECK(std::abs(sums[1] - 0.01 * 2 * 12) < 1e-12);  // 12 lines, each in two plays
+  CHECK(std::abs(sums[2] - 0.5 * sums[1]) < 1e-12);
+  CHECK(folder.read("s.csv").find("experiment,sample,u1,u2\n") == 0);
+  CHECK(nlohmann::json::parse(folder.read("x.json")).at("least_experiments") == 8);
+  CHECK(folder.run({"design", "--inputs", "9"}).status == 2);
+}
+
 TEST_CASE("Opposed experiments come in pairs that add up to nothing, and samples are the sum of the tones") {
   const Folder folder;
   REQUIRE(folder
