@@ -27,7 +27,8 @@ constexpr double distinct = 1e-3;
 // Unknowns by least squares; sigma is infinite where the equations leave one free.
 struct Solution {
   VectorXcd x;
-  VectorXd sigma;  // for a noise of 1 in each row
+  VectorXd sigma;          // for a noise of 1 in each row
+  double condition = 1.0;  // [-] columns scaled, of what the equations determine
 };
 
 Solution least_squares(const MatrixXcd& a, const VectorXcd& y) {
@@ -35,7 +36,7 @@ Solution least_squares(const MatrixXcd& a, const VectorXcd& y) {
   const MatrixXcd scaled = a * size.cwiseInverse().asDiagonal();
   const Eigen::JacobiSVD<MatrixXcd> svd(scaled, Eigen::ComputeThinU | Eigen::ComputeFullV);
   const VectorXd& s = svd.singularValues();
-  Solution r{VectorXcd::Zero(a.cols()), VectorXd::Zero(a.cols())};
+  Solution r{VectorXcd::Zero(a.cols()), VectorXd::Zero(a.cols()), 1.0};
   VectorXd free = VectorXd::Zero(a.cols());  // of the null space, in the direction of each unknown
   for (Index k = 0; k < a.cols(); ++k) {
     const VectorXcd v = svd.matrixV().col(k);
@@ -43,6 +44,7 @@ Solution least_squares(const MatrixXcd& a, const VectorXcd& y) {
       free += v.cwiseAbs2();
       continue;
     }
+    r.condition = s[0] / s[k];
     r.x += v * (svd.matrixU().col(k).dot(y) / s[k]);
     r.sigma += v.cwiseAbs2() / (s[k] * s[k]);
   }
@@ -79,8 +81,8 @@ bool LineEquations::add(int line, int output, Complex y, std::int64_t periods) {
   const int length = sections_ * period_;
   for (const Tone& t : tones_) {
     const int q = folded(t.line);
-    if ((e.line - q) % period_ == 0) e.terms.push_back({q, t.u});
-    if (2 * q % length != 0 && (e.line + q) % period_ == 0) e.terms.push_back({-q, std::conj(t.u)});
+    if ((e.line - q) % period_ == 0) e.terms.push_back({q, t.input, t.u});
+    if (2 * q % length != 0 && (e.line + q) % period_ == 0) e.terms.push_back({-q, t.input, std::conj(t.u)});
   }
   equations_.push_back(std::move(e));
   return true;
@@ -95,14 +97,14 @@ void LineEquations::append(const LineEquations& more) {
 void LineEquations::solve(int harmonics, Identification& id) const {
   std::map<std::pair<int, int>, std::vector<const Equation*>> systems;  // by output and its line
   for (const Equation& e : equations_) systems[{e.output, e.line}].push_back(&e);
-  std::map<std::tuple<int, int, int>, HtfEstimate> found;  // by line, output, harmonic
+  std::map<std::tuple<int, int, int, int>, HtfEstimate> found;  // by line, output, harmonic, input
   std::set<int> left_out;
   const int length = sections_ * period_;
   for (const auto& [key, rows] : systems) {
     const auto [output, line] = key;
-    std::map<int, Index> column;  // of an input line
+    std::map<std::pair<int, int>, Index> column;  // of a line of an input
     for (const Equation* e : rows) {
-      for (const Term& t : e->terms) column.emplace(t.line, static_cast<Index>(column.size()));
+      for (const Term& t : e->terms) column.emplace(std::pair(t.line, t.input), static_cast<Index>(column.size()));
     }
     if (column.empty()) continue;
     const bool own_cycle = line % period_ == 0;
@@ -114,7 +116,7 @@ void LineEquations::solve(int harmonics, Identification& id) const {
       const Equation& e = *rows[static_cast<std::size_t>(i)];
       const double weight = std::sqrt(static_cast<double>(e.periods));
       for (const Term& t : e.terms) {
-        const Index j = column[t.line];
+        const Index j = column[{t.line, t.input}];
         a(i, j) += weight * t.u;
         periods[static_cast<std::size_t>(j)] += e.periods;
       }
@@ -122,43 +124,51 @@ void LineEquations::solve(int harmonics, Identification& id) const {
       y[i] = weight * e.y;
     }
     const Solution solution = least_squares(a, y);
-    for (const auto& [input, j] : column) {
-      const int m = folded(static_cast<std::int64_t>(line) - input) / period_;
+    id.condition = std::max(id.condition, solution.condition);
+    for (const auto& [excited, j] : column) {
+      const int p = excited.first;
+      const int m = folded(static_cast<std::int64_t>(line) - p) / period_;
       if (std::abs(m) > harmonics) continue;
       if (!std::isfinite(solution.sigma[j])) {
-        left_out.insert(std::abs(input));
+        left_out.insert(std::abs(p));
         continue;
       }
       HtfEstimate h;
-      h.line = std::abs(input);
+      h.line = std::abs(p);
       h.output = output;
+      h.input = excited.second;
       h.sigma = solution.sigma[j];
       h.cycles = static_cast<int>(periods[static_cast<std::size_t>(j)]) * period_;
       const auto put = [&](int order, Complex value) {
         h.m = order;
         h.value = value;
-        found.emplace(std::tuple(h.line, h.output, order), h);
+        found.emplace(std::tuple(h.line, h.output, order, h.input), h);
       };
-      const bool own_mirror = 2 * input % length == 0;
-      if (input >= 0) put(m, own_mirror && m == 0 ? solution.x[j].real() : solution.x[j]);
-      if (input < 0 || own_mirror) put(-m, std::conj(solution.x[j]));
+      const bool own_mirror = 2 * p % length == 0;
+      if (p >= 0) put(m, own_mirror && m == 0 ? solution.x[j].real() : solution.x[j]);
+      if (p < 0 || own_mirror) put(-m, std::conj(solution.x[j]));
     }
   }
   for (const auto& [key, h] : found) {
     if (left_out.count(h.line) == 0) id.htf.push_back(h);
   }
-  for (const bool pumped : {true, false}) {
+  const auto note = [&](const char* what, const char* mend, auto&& of) {
     std::string lines;
     int count = 0;
     for (const int q : left_out) {
-      if ((q % period_ == 0) == pumped && ++count <= 6) lines += " " + std::to_string(q);
+      if (of(q) && ++count <= 6) lines += " " + std::to_string(q);
     }
-    if (count == 0) continue;
-    id.notes.push_back("left out " + std::to_string(count) + " multiple(s) of " +
-                       (pumped ? "the pumping frequency" : "half the pumping frequency") + " (lines" + lines +
-                       (count > 6 ? " ...)" : ")") + ": play each twice, a quarter turn apart" +
-                       (pumped ? ", and one experiment without them or all with both signs" : ""));
-  }
+    if (count == 0) return;
+    id.notes.push_back("left out " + std::to_string(count) + " " + what + " (lines" + lines +
+                       (count > 6 ? " ...)" : ")") + ": " + mend);
+  };
+  note("multiple(s) of the pumping frequency",
+       "play each twice, a quarter turn apart, and one experiment without them or all with both signs",
+       [&](int q) { return q % period_ == 0; });
+  note("multiple(s) of half the pumping frequency", "play each twice, a quarter turn apart",
+       [&](int q) { return q % period_ != 0 && !identifiable(q, period_); });
+  note("tone(s)", "play each once for every input, at independent amplitudes",
+       [&](int q) { return identifiable(q, period_); });
 }
 
 }  // namespace saltus

@@ -3,7 +3,8 @@
 //   Y(o) = sum over the input lines p congruent to o modulo P of H_{(o - p) / P}(p) U(p),  + the machine's own cycle
 //                                                                                          where P divides o,
 // and a tone on q excites p = q and p = -q, which are congruent where q is a multiple of P / 2 (Ankarali & Cowan 2014,
-// rule (16)). There H_m(-q) is the conjugate of H_{-m}(q): two plays of other phases tell both.
+// rule (16)). There H_m(-q) is the conjugate of H_{-m}(q): two plays of other phases tell both. With several inputs the
+// sum goes over these too: as many plays as there are inputs, at amplitudes that are independent, tell all.
 #pragma once
 
 #include <cstdint>
@@ -23,6 +24,7 @@ class LineEquations {
   struct Tone {
     int line = 0;
     Complex u;
+    int input = 0;
   };
 
   LineEquations() = default;
@@ -44,6 +46,7 @@ class LineEquations {
  private:
   struct Term {
     int line;  // p, in -L / 2 ... L / 2
+    int input;
     Complex u;
   };
   struct Equation {

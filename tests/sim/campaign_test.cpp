@@ -62,6 +62,32 @@ Plan small_plan(double amplitude = 0.3) {
   return make_plan(o);
 }
 
+// The metronome with two motors, which act on it differently before and after its event.
+template <class S = double>
+struct TwoMotors : worlds::Metronome<S> {
+  using X = Vec<2, S>;
+  using U = Vec<2, S>;
+  static constexpr std::string_view name = "two_motors";
+  static constexpr std::array inputs{Quantity{"u", "1/s"}, Quantity{"w", "N"}};
+
+  X flow(worlds::metronome::Tick, const X& x, const U& u) const noexcept {
+    return {this->drive - this->k * x[0] + u[0] + 3.0 * u[1], this->omega};
+  }
+  X flow(worlds::metronome::Tock, const X& x, const U& u) const noexcept {
+    return {0.5 * u[0] - u[1] - this->k * x[0], this->omega};
+  }
+  S guard(worlds::metronome::Off, const X& x, const U&) const noexcept { return sin(x[1] - this->shift); }
+  S guard(worlds::metronome::On, const X& x, const U&) const noexcept { return -sin(x[1] - this->shift); }
+  template <class E>
+  X reset(E, const X& x, const U&) const noexcept {
+    return {this->keep * x[0], x[1]};
+  }
+  template <class C>
+  Vec<1, S> output(C, const X& x, const U&) const noexcept {
+    return Vec<1, S>(x[0]);
+  }
+};
+
 // E |estimated - exact|^2 over its stated value, and the mean stated variance, over every estimate but the merged
 // noise.
 struct Scatter {
@@ -316,6 +342,51 @@ TEST_CASE("Half multiples are within their standard errors as often as these say
   CHECK(std::abs(inside68 / static_cast<double>(count) - 0.68) < 4.0 * 1.5 * 0.0168);
   CHECK(std::abs(inside95 / static_cast<double>(count) - 0.95) < 4.0 * 1.5 * 0.0079);
   CHECK(std::abs(ratio / count - 1.0) < 4.0 * 1.5 / std::sqrt(770.0));
+}
+
+TEST_CASE("Two inputs are identified by orthogonal plays, and from the record of them") {
+  const TwoMotors<> m;
+  CampaignOptions o;
+  o.settle = 40;
+  PlanOptions p;
+  p.period = 8;
+  p.band = 4.0;
+  p.amplitude = 0.3;
+  p.inputs = 2;
+  p.share = {1.0, 0.25};
+  for (const bool half_multiples : {false, true}) {
+    p.half_multiples = half_multiples;
+    const Plan plan = make_plan(p);
+    CHECK(plan.experiments.size() == 16u);
+    Record record;
+    record.sections = "clock";
+    record.sections_per_cycle = sections;
+    record.stimulus_period_cycles = 8;
+    record.settle_cycles = 40;
+    record.inputs = {{"u", "1/s", {}}, {"w", "N", {}}};
+    record.outputs = {{"x", "-", {}}};
+    const auto c = run_campaign(m, ClockPhases{sections}, plan, o, &record, {});
+    REQUIRE(c->id.worst == Status::ok);
+    REQUIRE(c->id.htf.size() == 2u * 7u * (half_multiples ? 32u : 24u));
+    CHECK(c->id.condition < (half_multiples ? 10.0 : 1.0 + 1e-9));  // the own cycle is no orthogonal input
+    double worst = 0.0, apart = 0.0;
+    for (const HtfEstimate& h : c->id.htf) {
+      worst = std::max(worst, std::abs(h.value - c->exact(h)));
+      for (const HtfEstimate& other : c->id.select(h.m, 0, 1 - h.input)) {
+        if (other.line == h.line) apart = std::max(apart, std::abs(other.value - h.value));
+      }
+    }
+    INFO(worst);
+    CHECK(worst < 1e-11);
+    CHECK(apart > 0.1);
+    const Identification id = identify_record(record, o.harmonics);
+    REQUIRE(id.htf.size() == c->id.htf.size());
+    for (std::size_t i = 0; i < id.htf.size(); ++i) {
+      CHECK(id.htf[i].line == c->id.htf[i].line);
+      CHECK(id.htf[i].input == c->id.htf[i].input);
+      CHECK(std::abs(id.htf[i].value - c->id.htf[i].value) < 1e-11);
+    }
+  }
 }
 
 TEST_CASE("Opposed pairs cancel what is even in the stimulus") {

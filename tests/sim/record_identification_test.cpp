@@ -346,8 +346,8 @@ TEST_CASE("What is no experiment on a clock is refused by the record's name, wit
   has(spoilt([](Record& r) { r.stimulus_period_cycles = 15; }), "does not repeat with the stimulus period");
   has(spoilt([](Record& r) { r.settle_cycles = 17; }), "no experiment has a whole stimulus period");
   has(spoilt([](Record& r) { r.settle_cycles = 1 << 30; }), "no experiment has a whole stimulus period");
-  has(spoilt([](Record& r) { r.inputs.push_back({"w", "N", r.inputs[0].values}); }), "one input at a time");
-  has(spoilt([](Record& r) { r.inputs.clear(); }), "one input at a time");
+  has(spoilt([](Record& r) { r.inputs.push_back({"w", "N", r.inputs[0].values}); }), "can be told apart");
+  has(spoilt([](Record& r) { r.inputs.clear(); }), "it has no input");
   has(spoilt([](Record& r) { std::fill(r.inputs[0].values.begin(), r.inputs[0].values.end(), 0.7); }), "excites");
   has(spoilt([](Record& r) { std::fill(r.inputs[0].values.begin(), r.inputs[0].values.end(), std::nan("")); }),
       "inputs that no repeat tells");
