@@ -25,16 +25,16 @@ struct PlanOptions {
   double amplitude = 0.01;  // [input unit] of each cosine
   bool opposed = false;     // play every stimulus a second time with its sign reversed: even-order distortion cancels
   bool half_multiples = false;  // the lines k period / 2 too, line 0 included: see set_quadrature()
-  std::uint64_t seed = 1;   // of phases and of the random partition
-  int inputs = 1;           // every experiment is played so many times, with amplitudes that are orthogonal
-  std::vector<double> share;  // [-] of the amplitude that each input gets, in its own unit; empty: all of it
+  std::uint64_t seed = 1;       // of phases and of the random partition
+  int inputs = 1;               // every experiment is played so many times, with amplitudes that are orthogonal
+  std::vector<double> share;    // [-] of the amplitude that each input gets, in its own unit; empty: all of it
 };
 
 struct Plan {
   PlanOptions options;
   Clique bound;  // the certificate: so many lines, or plays, exclude one another that no plan has fewer experiments
   std::vector<Multisine<max_tones>> experiments;  // each as the first input gets it in its first play
-  int realisations = 1;  // times that the plan is played, with other phases each time
+  int realisations = 1;                           // times that the plan is played, with other phases each time
 
   // What an input gets in an experiment. Play k of input j is the experiment times W_jk, W a Hadamard matrix for 1, 2,
   // 4 or 8 inputs, else that of the discrete Fourier transform, but for a constant, which goes to one input at a time.

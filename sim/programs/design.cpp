@@ -63,8 +63,9 @@ void run(const Options& o) {
   }
   if (!quiet) {
     std::printf("%d lines f = q/%d below %g cycles per cycle, %s\n", plan.lines(), o.plan.period, o.plan.band,
-                o.plan.half_multiples ? "the multiples of 1/2 in two experiments each, 0 in one"
-                                      : "without the multiples of 1/2");
+                !o.plan.half_multiples ? "without the multiples of 1/2"
+                : o.design.odd         ? "odd multiples of 1/2 in two experiments each"
+                                       : "the multiples of 1/2 in two experiments each, 0 in one");
     std::printf(
         "%zu experiments of %d to %d tones; no plan has fewer than %d: that many %s exclude one another (class %d "
         "of %d)\n",
