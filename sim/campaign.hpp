@@ -49,7 +49,7 @@ struct Campaign {
   // The exact H_m of the linearised model at a line.
   Complex exact(const HtfEstimate& h) const {
     const double omega = 2.0 * std::numbers::pi * h.line / (static_cast<double>(id.period) * id.sections);
-    return htf(system, omega)(h.m)(h.output, 0);
+    return htf(system, omega)(h.m)(h.output, h.input);
   }
 };
 
@@ -86,13 +86,17 @@ inline void append(Record& to, const Record& r) {
   for (std::size_t i = 0; i < to.inputs.size(); ++i) put(to.inputs[i].values, r.inputs[i].values);
   for (std::size_t i = 0; i < to.outputs.size(); ++i) put(to.outputs[i].values, r.outputs[i].values);
 }
-// Adds sample n of an experiment with one input, taken at section n modulo `sections` of a cycle of `period` seconds.
-void add_row(Record& r, int experiment, std::int64_t n, int sections, double period, double input, const auto& y) {
+// What on_sample() is told of input j: there is one, or an array of them.
+inline double held(double input, std::size_t) noexcept { return input; }
+double held(const auto& inputs, std::size_t j) noexcept { return inputs[j]; }
+
+// Adds sample n of an experiment, taken at section n modulo `sections` of a cycle of `period` seconds.
+void add_row(Record& r, int experiment, std::int64_t n, int sections, double period, const auto& input, const auto& y) {
   r.experiment.push_back(experiment);
   r.cycle.push_back(static_cast<int>(n / sections));
   r.section.push_back(static_cast<int>(n % sections));
   r.t.push_back(static_cast<double>(n) * period / sections);
-  r.inputs[0].values.push_back(input);
+  for (std::size_t j = 0; j < r.inputs.size(); ++j) r.inputs[j].values.push_back(held(input, j));
   for (std::size_t c = 0; c < r.outputs.size(); ++c) r.outputs[c].values.push_back(y[c]);
 }
 inline void empty(Record& r) {
@@ -106,9 +110,11 @@ inline void empty(Record& r) {
 template <class M, class Family>
 struct Station {
   std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
+  std::unique_ptr<LineEstimator<output_count<M>>> pump;  // null: no experiment excites multiples of its frequency
   std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
-  std::vector<double> stimulus;
-  std::vector<Complex> u;  // of the lines
+  std::vector<double> stimulus;                                     // one number for each input a sample
+  std::vector<double> one;                                          // input
+  std::vector<Complex> u;                                           // of the lines; none where there are several inputs
 };
 
 // What came of one.
@@ -116,6 +122,7 @@ struct Played {
   Status status = Status::failed;
   Identification id;  // the estimates alone
   LineNoise noise;
+  LineEquations equations;
   std::vector<Drift> drifts;
   Record rows;
 };
@@ -129,7 +136,7 @@ struct Played {
 template <class M, class Family, class Play>
 std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
                                           Record* record, const std::function<void(double)>& progress, Play&& play) {
-  constexpr int ny = output_count<M>;
+  constexpr int ny = output_count<M>, nu = input_count<M>;
   auto campaign = std::make_unique<Campaign<M>>();
   Campaign<M>& c = *campaign;
   const Timebase base = timebase_of(m, o.ticks);
@@ -169,8 +176,16 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   }
   std::vector<Station<M, Family>> stations(
       std::min(static_cast<std::size_t>(std::max(1, o.jobs)), plan.experiments.size() + 1));
+  const bool pumped = std::any_of(plan.experiments.begin(), plan.experiments.end(), [&](const auto& u) {
+    for (int k = 0; k < u.tones(); ++k) {
+      if (residue_class(u.tone(k).line, plan.options.period) == 0) return true;
+    }
+    return false;
+  });
   for (auto& station : stations) {
-    station.stimulus.resize(static_cast<std::size_t>(length));
+    station.one.resize(static_cast<std::size_t>(length));
+    station.stimulus.resize(station.one.size() * nu);
+    if (pumped) station.pump = std::make_unique<LineEstimator<ny>>();
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
       station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
       typename LineEstimator<ny>::Sample band{};
@@ -200,32 +215,48 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   const auto perform = [&](Station<M, Family>& at, std::size_t e, Played& result) {
     const auto& multisine = plan.experiments[e];
     std::vector<int> lines;
+    std::vector<LineEquations::Tone> tones;
     at.u.clear();
-    for (int k = 0; k < multisine.tones(); ++k) {
-      lines.push_back(multisine.tone(k).line);
-      at.u.push_back(multisine.spectrum(multisine.tone(k).line));
+    for (int k = 0; k < multisine.tones(); ++k) lines.push_back(multisine.tone(k).line);
+    for (int j = 0; j < nu; ++j) {
+      const auto own = plan.stimulus(e, j);
+      for (const int q : lines) {
+        tones.push_back({q, own.spectrum(q), j});
+        if (nu == 1) at.u.push_back(tones.back().u);
+      }
+      if (!own.fill(*twiddles, at.one)) return;
+      for (std::size_t n = 0; n < at.one.size(); ++n) at.stimulus[n * nu + static_cast<std::size_t>(j)] = at.one[n];
     }
     Run<M> start;
     start.at = c.orbit.point[0];
     Rig<M, Family> rig(m, base, family, start, noise, o.seed + 1000003 * e);
     rig.jitter(o.jitter);
-    if (!multisine.fill(*twiddles, at.stimulus) ||
-        at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
+    if (at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
         at.estimator->set_baseline(baseline) != Status::ok) {
+      return;
+    }
+    if (at.pump && (follow_pump(*at.pump, plan.options.sections, plan.options.period) != Status::ok ||
+                    at.pump->set_baseline(baseline) != Status::ok)) {
       return;
     }
     Record& rows = result.rows;
     if (record != nullptr) {
-      rows.inputs.resize(1);
+      rows.inputs.resize(nu);
       rows.outputs.resize(static_cast<std::size_t>(ny));
     }
     bool near = true;
-    const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
+    const auto on_sample = [&](std::int64_t n, const auto& input, const auto& y) {
       const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
+      if (at.pump) {
+        if (n == 0) at.pump->restart();
+        if (n >= o.settle * plan.options.sections) (void)at.pump->push(n, y);
+      }
       if (at.watch) {
         if (n == 0) at.watch->begin();
-        at.watch->push(Input<M>::Constant(input), y);
+        Input<M> u;
+        for (int j = 0; j < nu; ++j) u[j] = held(input, static_cast<std::size_t>(j));
+        at.watch->push(u, y);
         if (at.watch->raised() && result.drifts.empty()) {
           result.drifts.push_back(drifted(*at.watch, e));
           const std::lock_guard lock(telling);
@@ -241,14 +272,19 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     for (std::int64_t n = 0; rising > 0 && n < samples; ++n) {
       const double part = static_cast<double>(n) / static_cast<double>(rising);
       const double weight = n < rising ? 0.5 - 0.5 * std::cos(std::numbers::pi * part) : 1.0;
-      ramped.push_back(weight * at.stimulus[static_cast<std::size_t>(n % length)]);
+      for (std::size_t j = 0; j < nu; ++j) {
+        ramped.push_back(weight * at.stimulus[static_cast<std::size_t>(n % length) * nu + j]);
+      }
     }
     const Status s =
         play(static_cast<std::int32_t>(e), rig, std::span<const double>(rising > 0 ? ramped : at.stimulus),
              std::span<const Complex>(at.u), samples, o.settle * plan.options.sections, *at.estimator, on_sample);
     result.status = near || !usable(s) ? s : Status::failed;
     if (!usable(result.status)) return;
-    collect(*at.estimator, at.u, 0, ny, result.id, result.noise);
+    result.equations = LineEquations(plan.options.sections, plan.options.period);
+    result.equations.begin(std::move(tones));
+    collect(*at.estimator, at.u, 0, ny, result.id, result.noise, result.equations);
+    if (at.pump) collect_pump(*at.pump, {}, 0, ny, result.noise, result.equations);
     const std::lock_guard lock(telling);
     ++done;
     if (progress) progress(static_cast<double>(done) / static_cast<double>(plan.experiments.size()));
@@ -262,6 +298,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     }
   });
   LineNoise line_noise;
+  LineEquations equations;
   for (Played& p : played) {  // in the order of the plan, whoever was first
     if (record != nullptr) append(*record, p.rows);
     p.rows = {};
@@ -271,7 +308,9 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     c.id.samples += o.periods * length;
     c.id.htf.insert(c.id.htf.end(), p.id.htf.begin(), p.id.htf.end());
     line_noise.append(p.noise);
+    equations.append(p.equations);
   }
+  equations.solve(o.harmonics, c.id);
   finish(c.id, line_noise);
   return campaign;
 }

@@ -86,6 +86,7 @@ Coverage cover(const M& m, const Family& family, const Plan& plan, const Coverag
     id.sections = plan.options.sections;
     id.period = plan.options.period;
     LineNoise noise;
+    LineEquations equations(id.sections, id.period);
     for (std::size_t e = 0; e < plan.experiments.size(); ++e) {
       const auto& u = plan.experiments[e];
       std::vector<int> lines;
@@ -114,7 +115,7 @@ Coverage cover(const M& m, const Family& family, const Plan& plan, const Coverag
         }
         if (!usable(estimator->push(sample, y))) return r;
       }
-      collect(*estimator, spectrum, 0, ny, id, noise);
+      collect(*estimator, spectrum, 0, ny, id, noise, equations);
     }
     finish(id, noise);
     for (std::size_t i = 0; i < id.htf.size(); ++i) {

@@ -1,6 +1,7 @@
 #include "experiment_design.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
 #include <stdexcept>
@@ -42,18 +43,21 @@ std::vector<std::vector<int>> deal(const std::vector<int>& lines, int period, st
 }
 
 Plan selected_plan(const PlanOptions& o, const DesignOptions& d) {
-  const int classes = (o.period - 1) / 2 - (d.odd ? (o.period / 2 - 1) / 2 : 0);
+  int classes = (o.period - 1) / 2 - (d.odd ? (o.period / 2 - 1) / 2 : 0);
+  if (o.half_multiples) classes += d.odd ? o.period / 2 % 2 : 2 - o.period % 2;
   if (d.odd && o.period % 2 != 0) refuse("--odd: an odd period has no parity to keep; give an even --period");
   if (d.detection > 0 && !d.odd) refuse("--detection: silent classes tell distortion in odd designs; add --odd");
   if (d.tones < 0 || d.detection < 0 || d.detection >= classes) {
     refuse("--tones, --detection: there are " + std::to_string(classes) + " classes of lines; leave at least one");
   }
   std::vector<int> lines;
-  for (int q = 1; q <= last_line_below(o.band, o.period); ++q) {
-    if (identifiable(q, o.period) && (!d.odd || q % 2 != 0)) lines.push_back(q);
+  for (int q = o.half_multiples ? 0 : 1; q <= last_line_below(o.band, o.period); ++q) {
+    if ((!o.half_multiples && !identifiable(q, o.period)) || (d.odd && q % 2 == 0)) continue;
+    for (int play = 0; play < plays(q, o.period); ++play) lines.push_back(q);
   }
   if (lines.empty()) refuse("--band, --period: no line lies in the band");
   std::vector<int> size(static_cast<std::size_t>(o.period), 0);
+  if (o.half_multiples && !d.odd) ++size[0];  // the machine's own cycle
   Clique bound;
   for (const int q : lines) {
     const int r = residue_class(q, o.period);
@@ -76,6 +80,7 @@ Plan selected_plan(const PlanOptions& o, const DesignOptions& d) {
     u.randomise_phases(phases);
     plan.experiments.push_back(u);
   }
+  if (o.half_multiples) set_quadrature(plan.experiments, o.period);
   return plan;
 }
 
@@ -90,8 +95,16 @@ double crest_between_samples(const Multisine<max_tones>& stimulus) {
 Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
   PlanOptions once = options;
   once.opposed = false;
+  once.inputs = 1;
+  once.share.clear();
+  const bool selected = d.tones != 0 || d.odd || d.detection != 0;
+  if (selected) once.half_multiples = false;
   Plan plan = make_plan(once);  // refuses what cannot be
-  if (d.tones != 0 || d.odd || d.detection != 0) plan = selected_plan(once, d);
+  once.half_multiples = options.half_multiples;
+  if (selected) plan = selected_plan(once, d);
+  if (d.peak_limit > 0.0 && !std::has_single_bit(static_cast<unsigned>(options.inputs))) {
+    refuse("--peak: every play has a peak of its own unless there are 1, 2, 4 or 8 inputs");
+  }
   if (d.realisations < 1) refuse("--realisations: play the plan once at least");
   const std::vector<Multisine<max_tones>> base = plan.experiments;
   plan.options = options;
@@ -101,32 +114,31 @@ Plan design_plan(const PlanOptions& options, const DesignOptions& d) {
   if (d.crest) reduction = std::make_unique<Reduction>();
   std::uint64_t stream = 0;
   for (int r = 0; r < d.realisations; ++r) {
-    for (Multisine<max_tones> u : base) {
+    std::vector<Multisine<max_tones>> stimuli = base;
+    for (Multisine<max_tones>& u : stimuli) {
       Random random(options.seed ^ 0xc2b2ae3d27d4eb4fu, ++stream);
       if (r > 0) u.randomise_phases(random);
-      if (d.crest) {
-        if (!reduction->configure(u.samples(), oversampling(u))) {
-          refuse("--crest: a stimulus period longer than " + std::to_string(max_points) + " samples; lower --period");
-        }
-        reduction->reduce(u, random);
+      if (!d.crest) continue;
+      if (!reduction->configure(u.samples(), oversampling(u))) {
+        refuse("--crest: a stimulus period longer than " + std::to_string(max_points) + " samples; lower --period");
       }
+      reduction->reduce(u, random);
+    }
+    if (options.half_multiples) set_quadrature(stimuli, options.period);
+    for (Multisine<max_tones>& u : stimuli) {
       if (d.peak_limit > 0.0) {
-        double square = 0.0;
-        for (int k = 0; k < u.tones(); ++k) square += 0.5 * u.tone(k).amplitude * u.tone(k).amplitude;
+        double square = 0.0;  // a cosine's is half that of a constant
+        for (int k = 0; k < u.tones(); ++k) {
+          const Tone& t = u.tone(k);
+          square += (t.line == 0 ? 1.0 : 0.5) * t.amplitude * t.amplitude;
+        }
         const double peak = crest_between_samples(u) * std::sqrt(square);
         const double factor = std::min(1.0, d.peak_limit / peak);
         if (!std::isfinite(factor)) refuse("--peak: give a positive number");
         u = scaled(u, factor);
       }
-      plan.experiments.push_back(u);
-      if (!options.opposed) continue;
-      Multisine<max_tones> reversed(u.samples());
-      for (int k = 0; k < u.tones(); ++k) {
-        const Tone& t = u.tone(k);
-        if (!reversed.add({t.line, t.amplitude, t.phase + std::numbers::pi})) refuse("--opposed: too many tones");
-      }
-      plan.experiments.push_back(reversed);
     }
+    for (const auto& u : repeated(stimuli, options)) plan.experiments.push_back(u);
   }
   return plan;
 }

@@ -77,10 +77,10 @@ std::string Drift::story() const {
   return text;
 }
 
-std::vector<HtfEstimate> Identification::select(int m, int output) const {
+std::vector<HtfEstimate> Identification::select(int m, int output, int input) const {
   std::vector<HtfEstimate> r;
   for (const HtfEstimate& h : htf) {
-    if (h.m == m && h.output == output) r.push_back(h);
+    if (h.m == m && h.output == output && h.input == input) r.push_back(h);
   }
   return r;
 }
@@ -91,7 +91,7 @@ void finish(Identification& id, LineNoise& noise) {
     const double f = static_cast<double>(h.line) / id.period + h.m;
     h.sigma *= std::sqrt(noise.variance(h.output, f, id.sections));
   }
-  const auto key = [](const HtfEstimate& h) { return std::array{h.m, h.line, h.output}; };
+  const auto key = [](const HtfEstimate& h) { return std::array{h.m, h.line, h.output, h.input}; };
   std::stable_sort(id.htf.begin(), id.htf.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
   // A line played in several experiments: one estimate, by inverse variance, or by cycles where there is no noise.
   std::vector<HtfEstimate> merged;

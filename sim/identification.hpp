@@ -11,6 +11,7 @@
 #include "core/spectrum/estimator.hpp"
 #include "hal/lockstep.hpp"
 #include "hal/loopback.hpp"
+#include "line_equations.hpp"
 #include "plan.hpp"
 #include "rig.hpp"
 
@@ -29,6 +30,7 @@ struct HtfEstimate {
   double sigma = std::numeric_limits<double>::quiet_NaN();  // sqrt(E |error|^2); the real and the imaginary part have
                                                             // sigma / sqrt 2
   int cycles = 0;                                           // measured cycles it rests on
+  int input = 0;                                            // position in the inputs
 };
 
 // A machine at hand for an experiment: what lies between here and there is its own affair.
@@ -60,15 +62,18 @@ class RigHere {
   Loopback<typename R::Command, typename R::Reply, 4> wire_;
 };
 
-// Plays one period of `stimulus` over and over to a machine of Ny outputs, and feeds the estimator from sample `settle`
-// on. No allocation. Ends at the first status of the machine that is not usable, or failed where it did not answer:
-// `outcome` then says why.
-template <int Ny, class Machine, class Estimator, class OnSample>
+// Plays one period of `stimulus`, Nu numbers a sample, over and over to a machine of Ny outputs, and feeds the
+// estimator from sample `settle` on. on_sample(n, u, y) is told a number u, or an array of several. No allocation. Ends
+// at the first status of the machine that is not usable, or failed where it did not answer: `outcome` then says why.
+template <int Ny, int Nu = 1, class Machine, class Estimator, class OnSample>
 Status play_experiment(Machine& machine, std::int32_t experiment, std::span<const double> stimulus,
                        std::int64_t samples, std::int64_t settle, Estimator& estimator, OnSample&& on_sample,
                        Outcome& outcome) noexcept {
   const auto u = [&](std::int64_t n) {
-    return std::array{stimulus[static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size()))]};
+    const auto at = static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size() / Nu)) * Nu;
+    std::array<double, Nu> now{};
+    for (std::size_t j = 0; j < now.size(); ++j) now[j] = stimulus[at + j];
+    return now;
   };
   Measurement<Ny> y;
   outcome = machine.start(experiment, y);
@@ -83,7 +88,11 @@ Status play_experiment(Machine& machine, std::int32_t experiment, std::span<cons
     worst = worse(worst, y.status);
     if (!usable(y.status)) return y.status;
     if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
-    on_sample(n, u(n)[0], y.y);
+    if constexpr (Nu == 1) {
+      on_sample(n, u(n)[0], y.y);
+    } else {
+      on_sample(n, u(n), y.y);
+    }
     outcome = machine.exchange(n + lead, u(n + lead), y);
     if (outcome != Outcome::answered) return Status::failed;
   }
@@ -94,10 +103,10 @@ Status play_experiment(Machine& machine, std::int32_t experiment, std::span<cons
 template <class M, class Family, class Estimator, class OnSample>
 Status run_experiment(Rig<M, Family>& rig, std::span<const double> stimulus, std::int64_t samples, std::int64_t settle,
                       Estimator& estimator, OnSample&& on_sample) noexcept {
-  static_assert(input_count<M> == 1);
   RigHere machine(rig);
   Outcome outcome = Outcome::answered;
-  return play_experiment<output_count<M>>(machine, 0, stimulus, samples, settle, estimator, on_sample, outcome);
+  return play_experiment<output_count<M>, input_count<M>>(machine, 0, stimulus, samples, settle, estimator, on_sample,
+                                                          outcome);
 }
 
 // Variances of single-period lines, pooled over neighbours in frequency: repeats are few, lines are many.
@@ -140,35 +149,76 @@ struct Identification {
   bool watched = false;       // the residual was held against a noise band at all
   std::int64_t missing = 0;   // samples
   std::int64_t samples = 0;   // measured, settling not counted
+  double condition = 1.0;     // [-] of the worst equations that several experiments share
   Status worst = Status::ok;
 
   // True when repeats told the noise, so that standard errors are known.
   bool noise_known() const { return !htf.empty() && std::isfinite(htf.front().sigma) && htf.front().sigma > 0.0; }
 
-  // Values of one harmonic and output, by rising line.
-  std::vector<HtfEstimate> select(int m, int output) const;
+  // Values of one harmonic, output and input, by rising line.
+  std::vector<HtfEstimate> select(int m, int output, int input = 0) const;
 };
 
-// Takes over the estimator's lines at the end of an experiment; u[k] is the input at tone k [input unit]; channel c of
-// the estimator is output first_output + c. Standard errors come later, from finish().
+// Takes over the estimator's lines at the end of an experiment; u[k] is the input at tone k [input unit], none where
+// there are several inputs, for then every line is an equation; channel c of the estimator is output first_output + c.
+// Standard errors come later, from finish(). Multiples of half the pumping frequency become equations, whose experiment
+// has begun; for multiples of the whole see collect_pump().
 template <class Estimator>
 void collect(const Estimator& estimator, std::span<const Complex> u, int first_output, int channels,
-             Identification& out, LineNoise& noise) {
+             Identification& out, LineNoise& noise, LineEquations& equations) {
   const std::int64_t repeats = estimator.periods();
   const auto averaged = static_cast<double>(std::max<std::int64_t>(repeats, 1));
   for (int k = 0; k < estimator.tones(); ++k) {
-    const Complex input = u[static_cast<std::size_t>(k)];
+    const int q = estimator.tone_line(k), period = estimator.period();
+    if (residue_class(q, period) == 0) continue;
     for (int l = -estimator.harmonics(); l <= estimator.harmonics(); ++l) {
       for (int c = 0; c < channels; ++c) {
         const Complex y = repeats > 0 ? estimator.mean(k, l, c) : estimator.line(k, l, c);
-        HtfEstimate h{l, estimator.tone_line(k), first_output + c, y / input};
-        h.sigma = 1.0 / (std::abs(input) * std::sqrt(averaged));  // times the noise of one period: finish()
-        h.cycles = static_cast<int>(averaged) * estimator.period();
-        out.htf.push_back(h);
-        if (repeats >= 2) {
-          const double f = static_cast<double>(h.line) / estimator.period() + l;
-          noise.add(h.output, f, estimator.variance(k, l, c), repeats);
+        if (!u.empty() && identifiable(q, period)) {
+          const Complex input = u[static_cast<std::size_t>(k)];
+          HtfEstimate h{l, q, first_output + c, y / input};
+          h.sigma = 1.0 / (std::abs(input) * std::sqrt(averaged));  // times the noise of one period: finish()
+          h.cycles = static_cast<int>(averaged) * period;
+          out.htf.push_back(h);
+        } else if (!equations.add(q + l * period, first_output + c, y, static_cast<std::int64_t>(averaged))) {
+          continue;
         }
+        if (repeats >= 2) {
+          const double f = static_cast<double>(q) / period + l;
+          noise.add(first_output + c, f, estimator.variance(k, l, c), repeats);
+        }
+      }
+    }
+  }
+}
+
+// Lets an estimator follow the multiples of the pumping frequency 0 ... N / 2, on which the machine's own cycle lies.
+template <class Estimator>
+[[nodiscard]] Status follow_pump(Estimator& estimator, int sections, int period) {
+  std::vector<int> lines;  // each stands in the middle of its harmonics
+  for (int s = max_harmonics; s - max_harmonics <= sections / 2; s += 2 * max_harmonics + 1)
+    lines.push_back(s * period);
+  return estimator.configure(sections, period, lines, max_harmonics);
+}
+
+// Takes them over as equations: of the experiments that excite them and of those that do not, which tell the cycle.
+// `baseline` is what was subtracted of one channel, a value a section; empty where it was the same for all experiments.
+template <class Estimator>
+void collect_pump(const Estimator& estimator, std::span<const double> baseline, int first_output, int channels,
+                  LineNoise& noise, LineEquations& equations) {
+  const std::int64_t repeats = estimator.periods();
+  const int sections = estimator.sections();
+  for (int s = 0; s <= sections / 2; ++s) {
+    const int k = s / (2 * max_harmonics + 1), l = s % (2 * max_harmonics + 1) - max_harmonics;
+    Complex cycle{};
+    for (std::size_t n = 0; n < baseline.size(); ++n) {
+      cycle += baseline[n] / sections * root_of_unity(-static_cast<std::int64_t>(n) * s, sections);
+    }
+    for (int c = 0; c < channels; ++c) {
+      const Complex y = cycle + (repeats > 0 ? estimator.mean(k, l, c) : estimator.line(k, l, c));
+      (void)equations.add(s * estimator.period(), first_output + c, y, std::max<std::int64_t>(repeats, 1));
+      if (repeats >= 2 && s > 0 && 2 * s < sections) {  // the others are real numbers: half the freedom
+        noise.add(first_output + c, s, estimator.variance(k, l, c), repeats);
       }
     }
   }

@@ -267,7 +267,13 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   p.sections = id.sections;
   p.count = o.count;
   bool known = true;
-  std::vector<HtfEstimate> first = id.select(0, 0);
+  // A constant has half the numbers of a line, and H_-m no other than H_m: it is left out.
+  const auto select = [&](int m, int c) {
+    std::vector<HtfEstimate> list = id.select(m, c);
+    std::erase_if(list, [](const HtfEstimate& h) { return h.line == 0; });
+    return list;
+  };
+  const std::vector<HtfEstimate> first = select(0, 0);
   p.lines = static_cast<Index>(first.size());
   const Index taps = (o.count + 1) * id.sections;
   if (2 * p.lines < taps + 4 * o.count) return region;
@@ -275,7 +281,7 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
     Series s{m > 0, VectorXcd(m > 0 ? 2 * p.lines : p.lines), VectorXd(m > 0 ? 2 * p.lines : p.lines)};
     bool complete = true;
     for (const int order : m > 0 ? std::vector<int>{m, -m} : std::vector<int>{0}) {
-      const auto list = id.select(order, c);
+      const auto list = select(order, c);
       complete = complete && static_cast<Index>(list.size()) == p.lines;
       for (Index q = 0; complete && q < p.lines; ++q) {
         const HtfEstimate& h = list[static_cast<std::size_t>(q)];

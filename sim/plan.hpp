@@ -3,6 +3,8 @@
 
 #include <cstdint>
 #include <memory>
+#include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -13,6 +15,7 @@ namespace saltus {
 
 inline constexpr int max_tones = 64;     // a stimulus
 inline constexpr int max_lines = 16384;  // a plan
+inline constexpr int most_inputs = 8;
 
 struct PlanOptions {
   int sections = 32;        // [-] a cycle
@@ -21,22 +24,47 @@ struct PlanOptions {
   int subsets = 0;          // random partition into so many experiments; 0: the fewest possible
   double amplitude = 0.01;  // [input unit] of each cosine
   bool opposed = false;     // play every stimulus a second time with its sign reversed: even-order distortion cancels
-  std::uint64_t seed = 1;   // of phases and of the random partition
+  bool half_multiples = false;  // the lines k period / 2 too, line 0 included: see set_quadrature()
+  std::uint64_t seed = 1;       // of phases and of the random partition
+  int inputs = 1;               // every experiment is played so many times, with amplitudes that are orthogonal
+  std::vector<double> share;    // [-] of the amplitude that each input gets, in its own unit; empty: all of it
 };
 
 struct Plan {
   PlanOptions options;
-  Clique bound;  // the certificate: so many lines exclude one another that no plan has fewer experiments
-  std::vector<Multisine<max_tones>> experiments;
-  int realisations = 1;  // times that the plan is played, with other phases each time
+  Clique bound;  // the certificate: so many lines, or plays, exclude one another that no plan has fewer experiments
+  std::vector<Multisine<max_tones>> experiments;  // each as the first input gets it in its first play
+  int realisations = 1;                           // times that the plan is played, with other phases each time
 
-  // Tones of all experiments; an opposed pair counts once, and so does what is played again.
+  // What an input gets in an experiment. Play k of input j is the experiment times W_jk, W a Hadamard matrix for 1, 2,
+  // 4 or 8 inputs, else that of the discrete Fourier transform, but for a constant, which goes to one input at a time.
+  Multisine<max_tones> stimulus(std::size_t experiment, int input) const;
+
+  // No plan has fewer: the certificate, which counts the machine's own cycle once however many inputs there are.
+  int least_experiments() const { return bound.size * options.inputs - (bound.residue == 0 ? options.inputs - 1 : 0); }
+
+  // Lines of all experiments, each counted once however often it is played.
   int lines() const {
-    int n = 0;
-    for (const auto& e : experiments) n += e.tones();
-    return n / realisations / (options.opposed ? 2 : 1);
+    std::set<int> all;
+    for (const auto& e : experiments) {
+      for (int k = 0; k < e.tones(); ++k) all.insert(e.tone(k).line);
+    }
+    return static_cast<int>(all.size());
   }
 };
+
+// Of the experiments of one realisation: the second play of a half multiple of the pumping frequency gets the phase of
+// the first and a quarter turn, so that both together tell the response from its mirror image, with the standard error
+// of any other line played twice; line 0 gets phase 0. All else is left as it is.
+void set_quadrature(std::span<Multisine<max_tones>> experiments, int period);
+
+// Each stimulus as often as there are inputs, and where the options say so with its sign reversed after each. Throws
+// std::invalid_argument where the inputs or their shares are none.
+std::vector<Multisine<max_tones>> repeated(const std::vector<Multisine<max_tones>>& stimuli,
+                                           const PlanOptions& options);
+
+// The same stimulus with its sign reversed.
+Multisine<max_tones> reversed(const Multisine<max_tones>& u);
 
 // The same stimulus so many times as large, a finite number.
 inline Multisine<max_tones> scaled(const Multisine<max_tones>& u, double factor) {

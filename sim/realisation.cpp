@@ -270,7 +270,7 @@ HtfTable table_of(const Identification& id, int outputs) {
   t.outputs = outputs;
   std::map<int, std::size_t> place;
   for (const HtfEstimate& h : id.htf) {
-    if (h.output >= outputs) continue;
+    if (h.output >= outputs || h.input != 0) continue;
     const auto [where, fresh] = place.emplace(h.line, t.omega.size());
     if (fresh) {
       t.omega.push_back(turn * h.line / (static_cast<double>(id.period) * id.sections));

@@ -13,7 +13,7 @@ std::vector<HarmonicTest> test_harmonics(const Identification& id, double level)
   std::map<std::pair<int, int>, HarmonicTest> tests;
   std::map<std::pair<int, int>, double> freedom;
   for (const HtfEstimate& h : id.htf) {
-    if (!(h.sigma > 0.0)) continue;
+    if (!(h.sigma > 0.0) || h.input != 0) continue;
     HarmonicTest& t = tests[{h.m, h.output}];
     t.m = h.m;
     t.output = h.output;

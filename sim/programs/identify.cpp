@@ -224,11 +224,11 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 // With --record the machine has been driven already: what would drive it does not apply.
 void check_record_options(const CLI::App& command, bool any) {
   for (const char* option :
-       {"--link",       "--log",       "--rate",         "--protocol",    "--sections", "--kinematic",
-        "--period",     "--band",      "--amplitude",    "--seed",        "--subsets",  "--tones",
-        "--odd",        "--detection", "--realisations", "--crest",       "--peak",     "--ladder",
-        "--distortion", "--stimulus",  "--cycles",       "--ramp",        "--settle",   "--periods",
-        "--noise",      "--jitter",    "--watch",        "--false-alarm", "--save"}) {
+       {"--link",         "--log",         "--rate", "--protocol", "--sections",       "--kinematic", "--period",
+        "--band",         "--amplitude",   "--seed", "--subsets",  "--tones",          "--odd",       "--detection",
+        "--realisations", "--crest",       "--peak", "--ladder",   "--half-multiples", "--share",     "--distortion",
+        "--stimulus",     "--cycles",      "--ramp", "--settle",   "--periods",        "--noise",     "--jitter",
+        "--watch",        "--false-alarm", "--save"}) {
     if (command.count(option) == 0) continue;
     if (any && (option == std::string_view("--period") || option == std::string_view("--band"))) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
@@ -305,6 +305,9 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
     throw UsageError("--stimulus " + o.stimulus +
                      ": it is one experiment paced by the clock; leave out --distortion, " + "--ladder and --sections");
   }
+  if ((played || o.distortion) && o.plan.half_multiples) {
+    throw UsageError("--half-multiples: it takes several experiments; leave out --stimulus and --distortion");
+  }
   o.campaign.on_drift = [](const Drift& d) { std::fprintf(stderr, "saltus: drift: %s\n", d.story().c_str()); };
   o.campaign.ticks = o.model.ticks;
   o.campaign.seed = o.plan.seed;
@@ -314,7 +317,8 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   }
   with_model(o.model, [&](auto m) {
     using M = decltype(m);
-    if constexpr (input_count<M> == 1) {
+    if constexpr (input_count < M >> 0) {
+      o.plan.inputs = input_count<M>;
       if (!o.campaign.noise.empty() && o.campaign.noise.size() != static_cast<std::size_t>(output_count<M>)) {
         throw UsageError("--noise: " + std::string(M::name) + " has " + std::to_string(output_count<M>) +
                          " outputs; give one number for each");
@@ -386,9 +390,10 @@ void add_identify(CLI::App& app) {
       ->capture_default_str();
   o->sections.add_to(*command, true);
   add_plan_options(*command, o->plan);
+  add_share_option(*command, o->plan);
   command->add_option("--subsets", o->plan.subsets, "deal the lines at random into so many experiments")
       ->check(CLI::Range(1, 4096));
-  add_design_options(*command, o->design);
+  add_design_options(*command, o->plan, o->design);
   command
       ->add_option(
           "--ladder", o->ladder,
@@ -458,7 +463,10 @@ void add_identify(CLI::App& app) {
       ->capture_default_str();
   o->confidence.add_to(*command);
   command->add_option("--save", o->save, "write the experiment as a record")->type_name("FILE");
-  command->add_option("--csv", o->csv, "write m,f,output,re,im,sigma,cycles to FILE, - for standard output")
+  command
+      ->add_option(
+          "--csv", o->csv,
+          "write m,f,output,re,im,sigma,cycles, with several inputs also input, to FILE, - for standard output")
       ->type_name("FILE");
   command->add_flag("--correct-jitter", o->correct_jitter,
                     "undo what instants that scatter do to smooth outputs, where they are found: see --jitter");

@@ -43,7 +43,7 @@ struct Identified {
   std::string sections;  // "clock", "kinematic"
   std::string title;     // "isochrons", "kinematic phase"
   std::vector<std::string> outputs, output_units;
-  std::string input_unit;
+  std::vector<std::string> inputs, input_units;
   Identification id;
   bool has_exact = false;
   std::vector<Complex> exact;              // of the linearised model, beside id.htf
@@ -60,7 +60,12 @@ struct Identified {
   struct Norms {
     double exact = 0.0, identified = 0.0, error = 0.0, worst = 0.0, largest = 0.0, largest_f = 0.0;
   };
-  Norms norms(int m, int output) const;
+  Norms norms(int m, int output, int input = 0) const;
+  // "y_M", or "y_M, u2" where there are several inputs.
+  std::string name_of(int output, int input) const {
+    const auto of = [](const auto& names, int i) { return names[static_cast<std::size_t>(i)]; };
+    return of(outputs, output) + (inputs.size() > 1 ? ", " + of(inputs, input) : "");
+  }
 };
 
 std::vector<HtfPanel> panels_of(const Identified& id);
@@ -106,7 +111,10 @@ void describe_channels(Identified& r) {
     r.outputs.emplace_back(q.name);
     r.output_units.emplace_back(q.unit);
   }
-  r.input_unit = M::inputs[0].unit;
+  for (const Quantity& q : M::inputs) {
+    r.inputs.emplace_back(q.name);
+    r.input_units.emplace_back(q.unit);
+  }
 }
 
 // Fills in what the model, whose multipliers are there already, says beside what was identified.
@@ -116,13 +124,13 @@ void compare(Identified& r, const LdtpOf<M, sections_per_cycle>& system) {
   r.rank_bounds = rank_bounds(system);
   if (r.has_exact) {
     int line = -1;
-    Harmonics<output_count<M>, 1, sections_per_cycle> h;
+    Harmonics<output_count<M>, input_count<M>, sections_per_cycle> h;
     for (const HtfEstimate& e : r.id.htf) {
       if (e.line != line) {
         line = e.line;
         h = htf(system, 2.0 * std::numbers::pi * line / (static_cast<double>(r.id.period) * r.id.sections));
       }
-      r.exact.push_back(h(e.m)(e.output, 0));
+      r.exact.push_back(h(e.m)(e.output, e.input));
     }
   }
   const int count = static_cast<int>(r.model_multipliers.size());

@@ -88,6 +88,8 @@ void identify_distortion(const IdentifyOptions& o, bool quiet) {
     using M = decltype(m);
     if constexpr (input_count<M> == 1) {
       o.sections.visit<M>([&](const auto& family) { measure(m, family, o, stimulus, stimulus.tones(), quiet); });
+    } else {
+      throw UsageError("--distortion: it is of one input, and " + std::string(M::name) + " has several or none");
     }
   });
 }

@@ -1,5 +1,6 @@
 // Tables, files and pictures of an identification.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <map>
 #include <numbers>
@@ -42,11 +43,11 @@ const MultiplierFit* find_fit(const Identified& id, const char* form, int output
 
 }  // namespace
 
-Identified::Norms Identified::norms(int m, int output) const {
+Identified::Norms Identified::norms(int m, int output, int input) const {
   Norms n;
   for (std::size_t i = 0; i < id.htf.size(); ++i) {
     const HtfEstimate& h = id.htf[i];
-    if (h.m != m || h.output != output) continue;
+    if (h.m != m || h.output != output || h.input != input) continue;
     n.identified += std::norm(h.value);
     if (std::abs(h.value) > n.largest) {
       n.largest = std::abs(h.value);
@@ -67,38 +68,48 @@ std::vector<HtfPanel> panels_of(const Identified& r) {
   std::vector<HtfPanel> panels;
   // A picture shows 160 identified points a curve at most, evenly: more would only make it heavy.
   std::size_t lines = 0;
-  for (const HtfEstimate& h : r.id.htf) lines += h.m == 0 && h.output == 0 ? 1 : 0;
+  for (const HtfEstimate& h : r.id.htf) lines += h.m == 0 && h.output == 0 && h.input == 0 ? 1 : 0;
   const std::size_t every = std::max<std::size_t>(1, lines / 155);
-  for (std::size_t c = 0; c < r.outputs.size(); ++c) {
-    HtfPanel p{r.outputs[c], r.output_units[c] + "/" + r.input_unit, r.title, {}, {}, {}};
+  for (std::size_t i = 0; i < r.outputs.size() * r.inputs.size(); ++i) {
+    const std::size_t c = i / r.inputs.size(), j = i % r.inputs.size();
+    HtfPanel p{r.name_of(static_cast<int>(c), static_cast<int>(j)),
+               r.output_units[c] + "/" + r.input_units[j],
+               r.title,
+               {},
+               {},
+               {}};
     for (const int m : {0, 1, -1}) {
       HtfCurve identified{m, {}}, exact{m, {}};
       std::size_t seen = 0;
-      for (std::size_t i = 0; i < r.id.htf.size(); ++i) {
-        const HtfEstimate& h = r.id.htf[i];
-        if (h.m != m || at(h.output) != c) continue;
+      for (std::size_t k = 0; k < r.id.htf.size(); ++k) {
+        const HtfEstimate& h = r.id.htf[k];
+        if (h.m != m || at(h.output) != c || at(h.input) != j) continue;
         const double f = static_cast<double>(h.line) / r.id.period;
         if (seen++ % every == 0) identified.points.emplace_back(f, h.value);
-        if (r.has_exact) exact.points.emplace_back(f, r.exact[i]);
+        if (r.has_exact) exact.points.emplace_back(f, r.exact[k]);
       }
       p.identified.push_back(identified);
       if (r.has_exact) p.exact.push_back(exact);
     }
-    if (const MultiplierFit* fit = find_fit(r, "2 poles, 1 zero", static_cast<int>(c))) p.fit = fit->curve;
+    if (const MultiplierFit* fit = find_fit(r, "2 poles, 1 zero", static_cast<int>(c)); fit != nullptr && j == 0) {
+      p.fit = fit->curve;
+    }
     panels.push_back(p);
   }
   return panels;
 }
 
 std::string csv_of(const Identified& r, bool with_coherence) {
-  std::string csv = std::string("m,f,output,re,im,sigma,cycles") + (with_coherence ? ",coherence\n" : "\n");
+  const bool several = r.inputs.size() > 1;
+  std::string csv = std::string("m,f,output,re,im,sigma,cycles") + (with_coherence ? ",coherence" : "") +
+                    (several ? ",input\n" : "\n");
   for (const HtfEstimate& h : r.id.htf) {
     csv += std::to_string(h.m) + "," + number(static_cast<double>(h.line) / r.id.period, "%.9g") + "," +
            r.outputs[at(h.output)] + "," + number(h.value.real(), "%.12e") + "," + number(h.value.imag(), "%.12e") +
            "," + (std::isfinite(h.sigma) ? number(h.sigma, "%.4e") : std::string{}) + "," + std::to_string(h.cycles);
     if (with_coherence)
       csv += "," + (std::isfinite(h.sigma) ? number(coherence_of(h, r.id.period), "%.6g") : std::string{});
-    csv += "\n";
+    csv += (several ? "," + r.inputs[at(h.input)] : "") + "\n";
   }
   return csv;
 }
@@ -141,18 +152,20 @@ nlohmann::json json_of(const Identified& r) {
                          {"rms", finite(f.rms)},
                          {"status", name(f.status)}});
   }
-  std::map<int, bool> orders;
-  for (const HtfEstimate& h : r.id.htf) orders[h.m] = true;
-  for (const auto& [m, unused] : orders) {
-    for (std::size_t c = 0; c < r.outputs.size(); ++c) {
-      const auto n = r.norms(m, static_cast<int>(c));
-      nlohmann::json row{{"m", m}, {"output", r.outputs[c]}, {"norm", n.identified}};
-      if (r.has_exact) {
-        row["norm_model"] = n.exact;
-        row["error"] = n.error / r.norms(0, static_cast<int>(c)).exact;  // in units of the norm of H_0
-      }
-      j["harmonics"].push_back(row);
+  const bool several = r.inputs.size() > 1;
+  if (several) j["condition"] = r.id.condition;
+  std::map<std::array<int, 3>, bool> orders;
+  for (const HtfEstimate& h : r.id.htf) orders[{h.m, h.output, h.input}] = true;
+  for (const auto& [key, unused] : orders) {
+    const auto [m, c, input] = key;
+    const auto n = r.norms(m, c, input);
+    nlohmann::json row{{"m", m}, {"output", r.outputs[at(c)]}, {"norm", n.identified}};
+    if (several) row["input"] = r.inputs[at(input)];
+    if (r.has_exact) {
+      row["norm_model"] = n.exact;
+      row["error"] = n.error / r.norms(0, c, input).exact;  // in units of the norm of H_0
     }
+    j["harmonics"].push_back(row);
   }
   for (const HtfEstimate& h : r.id.htf) {
     j["htf"].push_back({{"m", h.m},
@@ -163,6 +176,7 @@ nlohmann::json json_of(const Identified& r) {
                         {"sigma", finite(h.sigma)},
                         {"coherence", finite(coherence_of(h, r.id.period))},
                         {"cycles", h.cycles}});
+    if (several) j["htf"].back()["input"] = r.inputs[at(h.input)];
   }
   if (r.transient) {
     j["transient"] = {{"modelled", r.transient->removed},
@@ -189,6 +203,8 @@ nlohmann::json json_of(const Identified& r) {
 
 void print_notes(const Identified& r) {
   for (const std::string& note : r.id.notes) std::printf("  note: %s\n", note.c_str());
+  if (r.inputs.size() > 1)
+    std::printf("  %zu inputs, condition of their amplitudes %.3g\n", r.inputs.size(), r.id.condition);
   if (r.transient && std::isfinite(r.transient->modelled)) {
     const TransientRemoval& t = *r.transient;
     std::printf("  transient %s: expected error of the response %.2g, %.2g had it been %s\n",
@@ -230,13 +246,13 @@ void print_notes(const Identified& r) {
 void print_errors(const Identified& r) {
   if (!r.has_exact) return;
   std::printf("  identified - model, over the norm of H_0 (in brackets: worst line, over the largest H_0)\n");
-  for (std::size_t c = 0; c < r.outputs.size(); ++c) {
-    const int output = static_cast<int>(c);
-    const auto h0 = r.norms(0, output);
-    std::printf("    %-6s", r.outputs[c].c_str());
+  for (std::size_t i = 0; i < r.outputs.size() * r.inputs.size(); ++i) {
+    const auto output = static_cast<int>(i / r.inputs.size()), input = static_cast<int>(i % r.inputs.size());
+    const auto h0 = r.norms(0, output, input);
+    std::printf("    %-6s", r.name_of(output, input).c_str());
     for (const int m : {-1, 0, 1}) {
-      if (r.id.select(m, output).empty()) continue;
-      const auto n = r.norms(m, output);
+      if (r.id.select(m, output, input).empty()) continue;
+      const auto n = r.norms(m, output, input);
       std::printf("   H_%-2d %.2e (%.2e)", m, n.error / h0.exact, n.worst / h0.largest);
     }
     std::printf("\n");
@@ -262,17 +278,18 @@ void print_multipliers(const Identified& r) {
 
 void print_standard_errors(const Identified& r) {
   std::printf("  %-8s%-6s%12s%14s%14s%14s\n", "output", "m", "lines", "largest |H|", "at f", "median sigma");
-  for (std::size_t c = 0; c < r.outputs.size(); ++c) {
+  for (std::size_t i = 0; i < r.outputs.size() * r.inputs.size(); ++i) {
+    const auto output = static_cast<int>(i / r.inputs.size()), input = static_cast<int>(i % r.inputs.size());
     for (const int m : {-1, 0, 1}) {
-      const auto list = r.id.select(m, static_cast<int>(c));
+      const auto list = r.id.select(m, output, input);
       if (list.empty()) continue;
       std::vector<double> sigma;
       for (const HtfEstimate& h : list) sigma.push_back(h.sigma);
       std::nth_element(sigma.begin(), sigma.begin() + static_cast<std::ptrdiff_t>(sigma.size() / 2), sigma.end());
-      const auto n = r.norms(m, static_cast<int>(c));
+      const auto n = r.norms(m, output, input);
       const double median = sigma[sigma.size() / 2];
-      std::printf("  %-8s%-6d%12zu%14.6g%14.4f%14s\n", r.outputs[c].c_str(), m, list.size(), n.largest, n.largest_f,
-                  std::isfinite(median) ? number(median, "%.3g").c_str() : "no repeats");
+      std::printf("  %-8s%-6d%12zu%14.6g%14.4f%14s\n", r.name_of(output, input).c_str(), m, list.size(), n.largest,
+                  n.largest_f, std::isfinite(median) ? number(median, "%.3g").c_str() : "no repeats");
     }
   }
   if (!r.has_exact) return;

@@ -51,7 +51,8 @@ Record play_any_stimulus(const IdentifyOptions& o) {
     if constexpr (input_count<M> == 1 && clocked<M>) {
       record = play(m, o);
     } else {
-      throw UsageError("--stimulus " + o.stimulus + ": " + std::string(M::name) + " is not paced by a clock");
+      throw UsageError("--stimulus " + o.stimulus + ": " + std::string(M::name) +
+                       (clocked<M> ? " has not one input alone" : " is not paced by a clock"));
     }
   });
   return record;

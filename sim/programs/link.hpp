@@ -76,14 +76,14 @@ class MachineOverLink {
       say(Activity::running, experiment, 0);
       estimator.restart();
       Outcome outcome = Outcome::answered;
-      const auto observe = [&](std::int64_t n, double input, const auto& y) {
+      const auto observe = [&](std::int64_t n, const auto& input, const auto& y) {
         on_sample(n, input, y);
         if (steady_ns() - said_ > 500'000'000) say(Activity::running, experiment, n);
         if (n < settle || !estimator.cycle_completed()) return;
-        if (estimator.valid()) publish(experiment, n, u, estimator);
+        if (estimator.valid() && Nu == 1) publish(experiment, n, u, estimator);
       };
       const auto run = [&](auto& machine) {
-        return play_experiment<Ny>(machine, experiment, stimulus, samples, settle, estimator, observe, outcome);
+        return play_experiment<Ny, Nu>(machine, experiment, stimulus, samples, settle, estimator, observe, outcome);
       };
       const Status s = paced_ ? run(*paced_) : run(*lockstep_);
       if (outcome == Outcome::answered) {
@@ -167,7 +167,8 @@ class MachineOverLink {
         for (int k = 0; k < estimator.tones(); ++k) {
           const auto i = static_cast<std::size_t>(k);
           h.line[i] = estimator.tone_line(k);
-          h.value[i] = estimator.line(k, m, c) / u[i];
+          const bool alone = identifiable(h.line[i], h.period);  // else it takes more experiments than this one
+          h.value[i] = alone ? estimator.line(k, m, c) / u[i] : Complex(std::nan(""), std::nan(""));
         }
         (void)board_.post(h);
       }
@@ -239,11 +240,12 @@ class MachineOfLog {
   Status play(std::int32_t experiment, std::span<const double> stimulus, std::span<const Complex>, std::int64_t samples,
               std::int64_t settle, Estimator& estimator, OnSample&& on_sample) {
     Outcome outcome = Outcome::answered;
-    const auto observe = [&](std::int64_t n, double input, const auto& y) {
+    const auto observe = [&](std::int64_t n, const auto& input, const auto& y) {
       reached_ = n;
       on_sample(n, input, y);
     };
-    const Status s = play_experiment<Ny>(lockstep_, experiment, stimulus, samples, settle, estimator, observe, outcome);
+    const Status s =
+        play_experiment<Ny, Nu>(lockstep_, experiment, stimulus, samples, settle, estimator, observe, outcome);
     if (outcome == Outcome::answered) return s;
     if (end_.differs()) {
       throw RunError(run_.file + ": in experiment " + std::to_string(experiment) +

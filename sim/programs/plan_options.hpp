@@ -21,7 +21,17 @@ inline void add_plan_options(CLI::App& command, PlanOptions& plan) {
       ->capture_default_str();
 }
 
-inline void add_design_options(CLI::App& command, DesignOptions& design) {
+inline void add_share_option(CLI::App& command, PlanOptions& plan) {
+  command
+      .add_option("--share", plan.share,
+                  "of --amplitude that each of several inputs gets, in its own unit (default: all of it)")
+      ->delimiter(',');
+}
+
+inline void add_design_options(CLI::App& command, PlanOptions& plan, DesignOptions& design) {
+  command.add_flag("--half-multiples", plan.half_multiples,
+                   "the multiples of half the pumping frequency too, a constant included: each is played twice, a "
+                   "quarter turn apart, which seldom takes more experiments");
   command.add_option("--tones", design.tones, "at most so many tones in an experiment")
       ->check(CLI::Range(1, max_tones));
   command.add_flag("--odd", design.odd,

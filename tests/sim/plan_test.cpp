@@ -1,5 +1,7 @@
 #include "sim/plan.hpp"
 
+#include <map>
+#include <numbers>
 #include <set>
 #include <stdexcept>
 
@@ -55,6 +57,78 @@ TEST_CASE("An opposite is the same stimulus with its sign reversed") {
     CHECK(size > 2.5);
     CHECK(sum < 1e-13 * size);
   }
+}
+
+TEST_CASE("A half multiple is played a second time a quarter turn later, and the constant as it is") {
+  for (const bool opposed : {false, true}) {
+    PlanOptions o;
+    o.opposed = opposed;
+    o.half_multiples = true;
+    const Plan plan = make_plan(o);
+    CHECK(plan.lines() == 640);
+    CHECK(plan.bound.size == 20);
+    CHECK(plan.experiments.size() == (opposed ? 40 : 20));
+    std::map<int, std::vector<double>> phases;
+    for (std::size_t e = 0; e < plan.experiments.size(); e += opposed ? 2 : 1) {
+      const auto& u = plan.experiments[e];
+      for (int k = 0; k < u.tones(); ++k) phases[u.tone(k).line].push_back(u.tone(k).phase);
+    }
+    for (const auto& [q, played] : phases) {
+      REQUIRE(played.size() == (q % 32 == 0 && q != 0 ? 2u : 1u));
+      if (q == 0) CHECK(played[0] == 0.0);
+      if (played.size() == 2) CHECK(std::abs(played[1] - played[0] - 0.5 * std::numbers::pi) < 1e-15);
+    }
+  }
+  // All else is as it was.
+  PlanOptions o;
+  const Plan without = make_plan(o);
+  o.half_multiples = true;
+  CHECK(refusal(o) == "accepted");
+  o.period = 128;
+  CHECK(refusal(o).find("add --tones 64") != std::string::npos);
+  CHECK(without.lines() == 620);
+}
+
+TEST_CASE("The plays of several inputs are orthogonal, line by line, and shared out") {
+  for (const int inputs : {1, 2, 3, 4, 5, 8}) {
+    PlanOptions o;
+    o.period = 8;
+    o.band = 3.0;
+    o.half_multiples = true;
+    o.inputs = inputs;
+    o.share = {1.0, 0.1};
+    o.share.resize(std::min<std::size_t>(2, static_cast<std::size_t>(inputs)));
+    const Plan plan = make_plan(o);
+    REQUIRE(plan.experiments.size() == static_cast<std::size_t>(6 * inputs));
+    CHECK(plan.lines() == 24);
+    CHECK(plan.least_experiments() == 6 * inputs);
+    for (std::size_t e = 0; e < plan.experiments.size(); e += static_cast<std::size_t>(inputs)) {
+      for (int k = 0; k < plan.experiments[e].tones(); ++k) {
+        const int q = plan.experiments[e].tone(k).line;
+        for (int i = 0; i < inputs; ++i) {
+          for (int j = 0; j <= i; ++j) {
+            Complex sum{};
+            for (int play = 0; play < inputs; ++play) {
+              const auto at = e + static_cast<std::size_t>(play);
+              sum += plan.stimulus(at, i).spectrum(q) * std::conj(plan.stimulus(at, j).spectrum(q));
+            }
+            const double share = (i == 1 ? 0.1 : 1.0) * (j == 1 ? 0.1 : 1.0);
+            const bool alone = q == 0 && (inputs == 3 || inputs == 5);  // a constant goes to one input at a time
+            const double size = q != 0 ? 0.25 * inputs : alone ? 1.0 : inputs;
+            CHECK(std::abs(sum - (i == j ? size * share * 1e-4 : 0.0)) < 1e-16);
+          }
+        }
+      }
+    }
+  }
+  PlanOptions o;
+  o.inputs = 9;
+  CHECK(refusal(o).find("--inputs") == 0);
+  o.inputs = 2;
+  o.share = {1.0, 1.0, 1.0};
+  CHECK(refusal(o).find("--share") == 0);
+  o.share = {1.0, -1.0};
+  CHECK(refusal(o).find("--share") == 0);
 }
 
 TEST_CASE("The seed decides phases and the random partition, and nothing else does") {

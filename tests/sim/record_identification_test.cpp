@@ -258,7 +258,65 @@ TEST_CASE("Tones that answer on each other's lines are left out and named") {
   CHECK(lines == std::vector<int>{21, 28});
   CHECK(worst_error(id) < 1e-13);
   REQUIRE(id.notes.size() == 3);
-  CHECK(id.notes[1].find("experiment 5: left out 2 tone(s) of class 3 (lines 3 13)") == 0);
+  CHECK(id.notes[0].find("experiment 5: left out 2 tone(s) of class 3 (lines 3 13)") == 0);
+  CHECK(id.notes[1].find("left out 1 multiple(s) of the pumping frequency (lines 16)") == 0);
+  CHECK(id.notes[2].find("left out 1 multiple(s) of half the pumping frequency (lines 8)") == 0);
+}
+
+TEST_CASE("Multiples of half the pumping frequency are found where experiments tell them from their mirror images") {
+  // Turned by a quarter in the second play; line 16 lies on the machine's own cycle, which is 1 here.
+  const auto turned = [](double phase, double sign, double constant = 0.0) {
+    Multisine<8> s(length);
+    for (const int q : {5, 8, 16}) {
+      REQUIRE(s.add({q, sign * 0.2, q == 5 ? 0.4 : 0.9 + phase}));
+    }
+    REQUIRE(s.add({0, constant, 0.0}));
+    return s;
+  };
+  const double quarter = 0.5 * std::numbers::pi;
+  const auto lines = [](const Identification& id) {
+    std::vector<int> all;
+    for (const HtfEstimate& h : id.select(0, 0)) all.push_back(h.line);
+    return all;
+  };
+  Record r = blank();
+  play(r, 0, 3, 2 * period, turned(0.0, 1.0));
+  play(r, 1, 0, 3 * period, turned(quarter, 1.0));
+  Identification id = identify_record(r, 3);
+  CHECK(lines(id) == std::vector<int>{5, 8});  // the cycle is not known
+  CHECK(worst_error(id) < 1e-13);
+  REQUIRE(id.notes.size() == 1);
+  CHECK(id.notes[0] ==
+        "left out 1 multiple(s) of the pumping frequency (lines 16): play each twice, a quarter turn apart, and one "
+        "experiment without them or all with both signs");
+
+  Record silent = r;
+  play(silent, 2, 0, period, tones({5}));
+  id = identify_record(silent, 3);
+  CHECK(lines(id) == std::vector<int>{5, 8, 16});
+  CHECK(worst_error(id) < 1e-13);
+  CHECK(id.notes.empty());
+
+  Record opposed = r;
+  play(opposed, 2, 0, 2 * period, turned(0.0, -1.0));
+  play(opposed, 3, 0, 2 * period, turned(quarter, -1.0));
+  id = identify_record(opposed, 3);
+  CHECK(lines(id) == std::vector<int>{5, 8, 16});
+  CHECK(worst_error(id) < 1e-13);
+  CHECK(id.notes.empty());
+
+  // A constant that changes is a tone on line 0; one that does not is part of the cycle.
+  Record steps = opposed;
+  play(steps, 4, 0, period, turned(0.0, 1.0, 0.1));
+  id = identify_record(steps, 3);
+  CHECK(lines(id) == std::vector<int>{0, 5, 8, 16});
+  CHECK(worst_error(id) < 1e-13);
+  for (double& u : steps.inputs[0].values) u += 0.7;
+  id = identify_record(steps, 3);
+  CHECK(lines(id) == std::vector<int>{0, 5, 8, 16});
+  CHECK(worst_error(id) < 1e-12);
+  for (double& u : opposed.inputs[0].values) u += 0.7;
+  CHECK(lines(identify_record(opposed, 3)) == std::vector<int>{5, 8, 16});
 }
 
 TEST_CASE("What is no experiment on a clock is refused by the record's name, with the mend") {
@@ -288,8 +346,8 @@ TEST_CASE("What is no experiment on a clock is refused by the record's name, wit
   has(spoilt([](Record& r) { r.stimulus_period_cycles = 15; }), "does not repeat with the stimulus period");
   has(spoilt([](Record& r) { r.settle_cycles = 17; }), "no experiment has a whole stimulus period");
   has(spoilt([](Record& r) { r.settle_cycles = 1 << 30; }), "no experiment has a whole stimulus period");
-  has(spoilt([](Record& r) { r.inputs.push_back({"w", "N", r.inputs[0].values}); }), "one input at a time");
-  has(spoilt([](Record& r) { r.inputs.clear(); }), "one input at a time");
+  has(spoilt([](Record& r) { r.inputs.push_back({"w", "N", r.inputs[0].values}); }), "can be told apart");
+  has(spoilt([](Record& r) { r.inputs.clear(); }), "it has no input");
   has(spoilt([](Record& r) { std::fill(r.inputs[0].values.begin(), r.inputs[0].values.end(), 0.7); }), "excites");
   has(spoilt([](Record& r) { std::fill(r.inputs[0].values.begin(), r.inputs[0].values.end(), std::nan("")); }),
       "inputs that no repeat tells");

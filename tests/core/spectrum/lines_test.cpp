@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
+#include <map>
 #include <memory>
 #include <set>
 #include <vector>
@@ -112,6 +113,52 @@ TEST_CASE("a random partition exists down to the largest class and is refused be
   CHECK_FALSE(random_partition(639, 64, 621, 3, *plan));
   CHECK_FALSE(random_partition(2000, 64, 80, 3, *plan));  // more lines than fit
   CHECK(plan->lines == 0);
+}
+
+TEST_CASE("half multiples are dealt twice, the constant once, and cost no more experiments below a whole band",
+          "[lines]") {
+  auto plan = std::make_unique<Plan>(), random = std::make_unique<Plan>();
+  for (const int P : {3, 4, 5, 8, 15, 16, 33, 64}) {
+    for (const int last : {1, P / 2, P - 1, P, P + 2, 3 * P + P / 3, 7 * P - 1, 7 * P}) {
+      if (last < 1) continue;
+      INFO(P << " cycles, lines up to " << last);
+      REQUIRE(optimal_partition(last, P, *plan, true));
+      REQUIRE(random_partition(last, P, plan->bound.size, 5, *random, true));
+      CHECK(plan->subsets == plan->bound.size);
+      for (const Plan* p : {plan.get(), random.get()}) {
+        std::map<int, int> played;
+        bool cycle_alone = false;
+        for (int s = 0; s < p->subsets; ++s) {
+          std::vector<int> lines(capacity);
+          lines.resize(static_cast<std::size_t>(p->collect(s, lines)));
+          bool pumped = false;
+          for (std::size_t i = 0; i < lines.size(); ++i) {
+            ++played[lines[i]];
+            pumped = pumped || lines[i] % P == 0;
+            for (std::size_t j = 0; j < i; ++j) CHECK(allowed_together(lines[i], lines[j], P));
+          }
+          cycle_alone = cycle_alone || !pumped;
+        }
+        CHECK(cycle_alone);
+        CHECK(static_cast<int>(played.size()) == last + 1);
+        for (const auto& [q, times] : played) CHECK(times == (q == 0 || allowed_alone(q, P) ? 1 : 2));
+      }
+      // The certificate: unknowns on the output lines of a class, against one equation an experiment.
+      int most = 0;
+      for (int r = 0; r <= P / 2; ++r) {
+        int unknowns = r == 0 ? 1 : 0;  // the machine's own cycle
+        for (int q = 0; q <= last; ++q) {
+          if ((q - r) % P != 0 && (q + r) % P != 0) continue;
+          unknowns += q != 0 && (2 * q) % P == 0 ? 2 : 1;
+        }
+        most = std::max(most, unknowns);
+      }
+      CHECK(plan->bound.size == most);
+      if ((last + 1) % P == 0) CHECK(plan->bound.size == largest_class(last, P).size);
+    }
+  }
+  CHECK_FALSE(random_partition(639, 64, 19, 3, *plan, true));
+  CHECK_FALSE(optimal_partition(0, 64, *plan, true));
 }
 
 TEST_CASE("any band and any period, even or odd, whole or not", "[lines]") {

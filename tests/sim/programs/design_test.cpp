@@ -9,6 +9,7 @@
 #include <numbers>
 #include <set>
 #include <sstream>
+#include <tuple>
 
 using saltus::test::Folder;
 
@@ -159,6 +160,63 @@ TEST_CASE("The rules hold for other periods and bands, odd ones too") {
       CHECK(sizes(rows).size() == clique);
     }
   }
+}
+
+TEST_CASE("Half multiples join the twenty experiments, a quarter turn apart, whatever else is asked for") {
+  const Folder folder;
+  const auto done = folder.run({"design", "--half-multiples", "--csv", "x.csv", "--json", "x.json"});
+  REQUIRE(done.status == 0);
+  CHECK(done.out.find("640 lines") != done.out.npos);
+  CHECK(done.out.find("20 experiments of 32 to 33 tones; no plan has fewer than 20") != done.out.npos);
+  CHECK(nlohmann::json::parse(folder.read("x.json")).at("least_experiments") == 20);
+  REQUIRE(folder
+              .run({"design", "--half-multiples", "--crest", "--peak", "0.04", "--realisations", "2", "--tones", "12",
+                    "--period", "128", "--band", "2", "--csv", "y.csv"})
+              .status == 0);
+  for (const auto& [file, period, realisations] : {std::tuple("x.csv", 64, 1), std::tuple("y.csv", 128, 2)}) {
+    const auto rows = table(folder.read(file));
+    const auto experiments = static_cast<int>(sizes(rows).size());
+    std::map<std::pair<int, int>, std::vector<Row>> played;  // by realisation and line
+    std::map<int, std::vector<int>> lines;
+    for (const Row& r : rows) {
+      played[{r.experiment / (experiments / realisations), r.line}].push_back(r);
+      for (const int other : lines[r.experiment]) CHECK_FALSE(clash(r.line, other, period));
+      lines[r.experiment].push_back(r.line);
+    }
+    for (const auto& [key, plays] : played) {
+      const int q = key.second;
+      REQUIRE(plays.size() == (q != 0 && half_multiple(q, period) ? 2u : 1u));
+      if (q == 0) CHECK(plays[0].phase == 0.0);
+      if (plays.size() == 2) CHECK(std::abs(std::cos(plays[1].phase - plays[0].phase)) < 1e-14);
+    }
+  }
+  CHECK(folder.run({"design", "--half-multiples", "--period", "128"}).status == 2);
+  CHECK(folder.run({"design", "--half-multiples", "--period", "128", "--tones", "64"}).status == 0);
+}
+
+TEST_CASE("A design for two inputs says what each gets") {
+  const Folder folder;
+  REQUIRE(folder
+              .run({"design", "--inputs", "2", "--share", "1,0.5", "--period", "8", "--band", "2", "--csv", "x.csv",
+                    "--samples", "s.csv", "--json", "x.json"})
+              .status == 0);
+  std::istringstream in(folder.read("x.csv"));
+  std::string line;
+  std::getline(in, line);
+  CHECK(line == "experiment,line,f,amplitude,phase,input");
+  double sums[3] = {};
+  while (std::getline(in, line)) {
+    std::vector<std::string> cells;
+    std::istringstream row(line);
+    for (std::string cell; std::getline(row, cell, ',');) cells.push_back(cell);
+    REQUIRE(cells.size() == 6);
+    sums[cells[5] == "1" ? 1 : 2] += std::stod(cells[3]);
+  }
+  CHECK(std::abs(sums[1] - 0.01 * 2 * 12) < 1e-12);  // 12 lines, each in two plays
+  CHECK(std::abs(sums[2] - 0.5 * sums[1]) < 1e-12);
+  CHECK(folder.read("s.csv").find("experiment,sample,u1,u2\n") == 0);
+  CHECK(nlohmann::json::parse(folder.read("x.json")).at("least_experiments") == 8);
+  CHECK(folder.run({"design", "--inputs", "9"}).status == 2);
 }
 
 TEST_CASE("Opposed experiments come in pairs that add up to nothing, and samples are the sum of the tones") {

@@ -49,6 +49,25 @@ TEST_CASE("identify plays the designs that saltus design makes") {
   CHECK(folder.run({"identify", "hopper", "--period", "15", "--odd"}).status == 2);
 }
 
+TEST_CASE("identify finds multiples of half the pumping frequency, and a record of them does") {
+  const Folder folder;
+  const std::vector<std::string> plan{
+      "--half-multiples", "--period", "16", "--band", "2", "--save", "r.csv", "--csv", "x.csv", "--amplitude", "0.001"};
+  const json j = identify(folder, plan);
+  CHECK(j.at("notes").empty());
+  CHECK(j.at("htf").size() == 2 * 7 * 32);  // lines 0 to 31
+  CHECK(error_of(j, 0) < 1e-4);
+  CHECK(error_of(j, 1) < 1e-4);
+  REQUIRE(folder.run({"identify", "hopper", "--record", "r.csv", "--csv", "y.csv", "--json", "y.json"}).status == 0);
+  const json again = json::parse(folder.read("y.json"));
+  REQUIRE(again.at("htf").size() == j.at("htf").size());
+  CHECK(error_of(again, 0) < 1e-4);
+  const auto refused = folder.run({"identify", "hopper", "--record", "r.csv", "--half-multiples"});
+  CHECK(refused.status == 2);
+  CHECK(refused.err.find("--half-multiples") != refused.err.npos);
+  CHECK(folder.run({"identify", "hopper", "--half-multiples", "--stimulus", "prbs"}).status == 2);
+}
+
 TEST_CASE("identify tells distortion by order, harmonic by harmonic") {
   const Folder folder;
   const json j = identify(folder, {"--distortion", "--sections", "kinematic", "--period", "32", "--amplitude", "1",

@@ -190,7 +190,7 @@ TEST_CASE("Tones that clash are left out and named, and the others stay") {
   const std::string both = "(lines " + std::to_string(line) + " " + std::to_string(rival) + ")";
   CHECK(done.out.find("note: experiment 1: left out 2 tone(s)") != done.out.npos);
   CHECK(done.out.find(both) != done.out.npos);
-  CHECK(done.out.find("left out 1 tone(s) of class 32 (lines 96)") != done.out.npos);
+  CHECK(done.out.find("left out 1 multiple(s) of half the pumping frequency (lines 96)") != done.out.npos);
   const HtfTable after(folder.path("b.csv"));
   auto lines = before.lines(0, "y_M");
   lines.erase(lines.begin());
