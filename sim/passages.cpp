@@ -2,28 +2,26 @@
 
 #include <Eigen/LU>
 
-#include <cmath>
+#include <numbers>
+#include <tuple>
 
 namespace saltus::rhythm {
-namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using Index = Eigen::Index;
 
-constexpr double gap = 2.5;       // [-] of the usual spacing: beyond it samples are missing
-constexpr Index half_window = 6;  // [sample] of the parabola about a passage, on either side
-
-void find_visits(Passages& w, double exclude) {
+void find_visits(Passages& w, double exclude, bool marked) {
   const Record& record = *w.record;
   std::vector<double> steps;
   for (std::size_t i = 1; i < record.rows(); ++i) {
     if (record.experiment[i] == record.experiment[i - 1]) steps.push_back(record.t[i] - record.t[i - 1]);
   }
   w.spacing = median(steps);
-  if (record.cycle.empty() && record.chart_names.size() < 2) {
+  if (marked && record.cycle.empty() && record.chart_names.size() < 2) {
     throw RecordError(record.name, "nothing in it marks the events of its rhythm",
-                      "give it a column cycle, which counts steps, or a column chart, which changes with them");
+                      "give it a column cycle, which counts steps, or a column chart, which changes with them; or "
+                      "choose --sections kinematic");
   }
   std::vector<int> key(record.rows(), 0);  // changes at an event
   const auto charts = static_cast<int>(record.chart_names.size()) + 1;
@@ -31,6 +29,8 @@ void find_visits(Passages& w, double exclude) {
     key[i] = (record.cycle.empty() ? 0 : record.cycle[i]) * charts + (record.chart.empty() ? 0 : record.chart[i]);
   }
   const auto drop = static_cast<std::size_t>(std::lround(exclude / w.spacing));
+  w.ringing = drop;
+  w.stay.assign(record.rows(), -1);
   for (const Experiment& e : experiments(record)) {
     int last = -1;
     const std::size_t end = e.first_row + e.rows;
@@ -46,10 +46,12 @@ void find_visits(Passages& w, double exclude) {
       v.chart = record.chart.empty() ? 0 : record.chart[from];
       v.first = from + drop;
       v.rows = to - from > 2 * drop ? to - from - 2 * drop : 0;
+      if (v.rows == 0) v.first = from;
       v.begin = record.t[from];
       v.end = to < end ? record.t[to] : record.t[to - 1];
       v.previous = last;
       const int index = static_cast<int>(w.visits.size());
+      std::fill_n(w.stay.begin() + static_cast<std::ptrdiff_t>(v.first), v.rows, index);
       if (last >= 0) w.visits[static_cast<std::size_t>(last)].next = index;
       last = joined ? index : -1;
       w.visits.push_back(std::move(v));
@@ -76,7 +78,6 @@ void find_visits(Passages& w, double exclude) {
   }
 }
 
-// Which outputs are rates of others: by their units and by what they say.
 void find_rates(Passages& w) {
   const auto& outputs = w.record->outputs;
   w.rate_of.assign(outputs.size(), -1);
@@ -103,6 +104,8 @@ void find_rates(Passages& w) {
     }
   }
 }
+
+namespace {
 
 // The output that runs through every chart in one direction, most nearly; and the levels it passes.
 void choose_levels(Passages& w) {
@@ -188,73 +191,49 @@ Parabola parabola(const std::vector<double>& t, const std::vector<double>& y, st
   return p;
 }
 
-// Locates the passages of one stay; adds what locating leaves to `noise` (sections x coordinates, sums) and `count`.
-void pass(const Passages& w, Visit& v, MatrixXd& noise, VectorXd& count) {
-  const Record& record = *w.record;
-  const int first_section = w.place(v);
-  v.x.assign(static_cast<std::size_t>(w.per_chart), {});
-  v.when.assign(v.x.size(), std::nan(""));
-  v.input.assign(v.x.size(), std::nan(""));
-  const auto& phase = w.y[w.phase];
+// Rows about one that lie between the same two events, half a window on either side at most.
+std::pair<std::size_t, std::size_t> about(const Samples& s, std::size_t centre) {
+  const auto most = at(half_window);
+  std::size_t from = centre, to = centre + 1;
+  while (from > 0 && centre - from < most && s.stay[from - 1] == s.stay[centre]) --from;
+  while (to < s.t.size() && to - centre <= most && s.stay[to] == s.stay[centre]) ++to;
+  return {from, to};
+}
+
+// Where the phase passes the level, about a sample: [window] from it on, and how far off it is there.
+struct Met {
+  double s = 0.0, off = 1.0;
+};
+Met meet(const Passages& w, const Samples& s, std::size_t from, std::size_t to, double middle, double level) {
   const double scale = w.spacing * static_cast<double>(half_window);
-  for (int j = 0; j < w.per_chart; ++j) {
-    const double level = w.level[static_cast<std::size_t>(first_section + j)];
-    // Noise may cross a level more than once: the middle one.
-    std::vector<double> crossings;
-    for (std::size_t i = v.first + 1; i < v.first + v.rows; ++i) {
-      if ((phase[i] - level) * (phase[i - 1] - level) <= 0.0) crossings.push_back(static_cast<double>(i));
+  const bool angle = w.plane.has_value();
+  const Parabola p = parabola(s.t, s.y[angle ? w.plane->output : w.phase], from, to, middle, scale);
+  Parabola rate;
+  double cosine = 0.0, sine = 0.0;
+  if (angle) {
+    rate = p;
+    if (w.plane->rate >= 0) {
+      rate = parabola(s.t, s.y[static_cast<std::size_t>(w.plane->rate)], from, to, middle, scale);
+    } else {  // the parabola's own
+      rate.c = {p.c[1] / scale, 2.0 * p.c[2] / scale, 0.0};
     }
-    if (crossings.empty()) continue;
-    auto centre = static_cast<std::size_t>(median(crossings));
-    double when = record.t[centre];
-    Parabola p;
-    std::size_t from = 0, to = 0;
-    bool there = false;
-    for (int round = 0; round < 4; ++round) {
-      if (centre < v.first + 2 || centre + 2 >= v.first + v.rows) break;
-      from = std::max(v.first, centre - std::min(centre, at(half_window)));
-      to = std::min(v.first + v.rows, centre + at(half_window) + 1);
-      p = parabola(record.t, phase, from, to, record.t[centre], scale);
-      if (p.n < half_window) break;
-      double s = 0.0;
-      for (int k = 0; k < 20; ++k) {
-        const double slope = p.c[1] + 2.0 * p.c[2] * s;
-        s -= (p.c[0] + s * (p.c[1] + s * p.c[2]) - level) / (std::abs(slope) > 1e-300 ? slope : 1e-300);
-        s = std::clamp(s, -1.0, 1.0);
-      }
-      when = record.t[centre] + s * scale;
-      there = std::abs(p.c[0] + s * (p.c[1] + s * p.c[2]) - level) < 1e-9 * (1.0 + std::abs(level));
-      const auto nearer = static_cast<std::size_t>(
-          std::lower_bound(record.t.begin() + static_cast<std::ptrdiff_t>(from),
-                           record.t.begin() + static_cast<std::ptrdiff_t>(to), when - 0.5 * w.spacing) -
-          record.t.begin());
-      if (nearer == centre) break;
-      centre = nearer;
-    }
-    if (!there) continue;
-    VectorXd x(w.dim);
-    VectorXd error(w.dim);
-    Index k = 0;
-    bool whole = true;
-    for (std::size_t o = 0; o < w.y.size() && whole; ++o) {
-      const Parabola q = parabola(record.t, w.y[o], from, to, when, scale);
-      whole = q.n >= half_window;
-      const double variance = q.squares / std::max(1.0, static_cast<double>(q.n - 3));
-      if (o != w.phase) {
-        x[k] = q.c[0];
-        error[k++] = variance * q.inverse(0, 0);
-      }
-      if (w.rate_of[o] < 0 && !w.rate_measured[o]) {
-        x[k] = q.c[1] / scale;
-        error[k++] = variance * q.inverse(1, 1) / (scale * scale);
-      }
-    }
-    if (!whole) continue;
-    v.x[static_cast<std::size_t>(j)] = x;
-    v.when[static_cast<std::size_t>(j)] = when;
-    noise.row(first_section + j) += error.transpose();
-    count[first_section + j] += 1.0;
+    cosine = std::cos(-2.0 * std::numbers::pi * level) / w.plane->s_v;
+    sine = std::sin(-2.0 * std::numbers::pi * level) / w.plane->s_p;
   }
+  if (p.n < half_window || (angle && rate.n < half_window)) return {};
+  const auto value = [](const Parabola& q, double x) { return q.c[0] + x * (q.c[1] + x * q.c[2]); };
+  const auto slope = [](const Parabola& q, double x) { return q.c[1] + 2.0 * q.c[2] * x; };
+  const auto ahead = [&](double x) {
+    if (!angle) return value(p, x) - level;
+    return (value(rate, x) - w.plane->o_v) * cosine - (value(p, x) - w.plane->o_p) * sine;
+  };
+  Met m;
+  for (int k = 0; k < 20; ++k) {
+    const double d = angle ? slope(rate, m.s) * cosine - slope(p, m.s) * sine : slope(p, m.s);
+    m.s = std::clamp(m.s - ahead(m.s) / (std::abs(d) > 1e-300 ? d : 1e-300), -1.0, 1.0);
+  }
+  m.off = std::abs(ahead(m.s)) / (1.0 + std::abs(angle ? 0.0 : level));
+  return m;
 }
 
 // The mean of a held signal between two times.
@@ -270,6 +249,145 @@ double mean_between(const Record& r, const std::vector<double>& u, std::size_t f
 }
 
 }  // namespace
+
+std::vector<double> phase_of(const Passages& w, const Samples& s) {
+  if (!w.plane) return s.y[w.phase];
+  const double scale = w.spacing * static_cast<double>(half_window);
+  const auto& y = s.y[w.plane->output];
+  std::vector<double> r(s.t.size(), std::nan(""));
+  for (std::size_t i = 0; i < r.size(); ++i) {
+    if (s.stay[i] < 0) continue;
+    const auto [from, to] = about(s, i);
+    const Parabola p = parabola(s.t, y, from, to, s.t[i], scale);
+    if (p.n < half_window) continue;
+    double v = p.c[1] / scale;
+    if (w.plane->rate >= 0) v = s.y[static_cast<std::size_t>(w.plane->rate)][i];
+    const double turns = -std::atan2((v - w.plane->o_v) / w.plane->s_v, (p.c[0] - w.plane->o_p) / w.plane->s_p) /
+                         (2.0 * std::numbers::pi);
+    r[i] = turns - std::floor(turns);
+  }
+  return r;
+}
+
+std::optional<Located> locate(const Passages& w, const Samples& s, const std::vector<double>& phase, std::size_t first,
+                              std::size_t rows, int section) {
+  const double level = w.level[static_cast<std::size_t>(section)];
+  // Noise may cross a level more than once: the middle one.
+  std::vector<double> crossings;
+  for (std::size_t i = first + 1; i < first + rows; ++i) {
+    if (s.stay[i] < 0 || s.stay[i] != s.stay[i - 1]) continue;
+    double before = phase[i - 1] - level, after = phase[i] - level;
+    if (w.plane) {
+      before -= std::round(before);
+      after -= std::round(after);
+      if (before < 0.0 && after >= 0.0 && after - before < 0.5) crossings.push_back(static_cast<double>(i));
+    } else if (before * after <= 0.0) {
+      crossings.push_back(static_cast<double>(i));
+    }
+  }
+  if (crossings.empty()) return {};
+  const double scale = w.spacing * static_cast<double>(half_window);
+  auto centre = static_cast<std::size_t>(median(crossings));
+  Located r;
+  std::size_t from = 0, to = 0;
+  bool there = false;
+  for (int round = 0; round < 4; ++round) {
+    std::tie(from, to) = about(s, centre);
+    if (centre < from + 2 || centre + 2 >= to) break;
+    const Met m = meet(w, s, from, to, s.t[centre], level);
+    r.when = s.t[centre] + m.s * scale;
+    there = m.off < 1e-9;
+    const auto nearer = static_cast<std::size_t>(std::lower_bound(s.t.begin() + static_cast<std::ptrdiff_t>(from),
+                                                                  s.t.begin() + static_cast<std::ptrdiff_t>(to),
+                                                                  r.when - 0.5 * w.spacing) -
+                                                 s.t.begin());
+    if (nearer == centre) break;
+    centre = std::min(nearer, to - 1);
+  }
+  if (!there) return {};
+  r.x.resize(w.dim);
+  r.variance.resize(w.dim);
+  Index k = 0;
+  const auto add = [&](double value, double variance) {
+    r.x[k] = value;
+    r.variance[k++] = variance;
+  };
+  double radius = 0.0, radius_variance = 0.0;
+  Index radius_at = -1;
+  const double angle = -2.0 * std::numbers::pi * level;
+  const auto add_to_radius = [&](double value, double variance, double o, double scaled) {
+    radius += (value - o) * scaled;
+    radius_variance += variance * scaled * scaled;
+  };
+  for (std::size_t o = 0; o < s.y.size(); ++o) {
+    const Parabola q = parabola(s.t, s.y[o], from, to, r.when, scale);
+    if (q.n < half_window) return {};
+    const double noise = q.squares / std::max(1.0, static_cast<double>(q.n - 3));
+    const double value = noise * q.inverse(0, 0), slope = noise * q.inverse(1, 1) / (scale * scale);
+    const bool rate_told = w.rate_of[o] < 0 && !w.rate_measured[o];
+    if (w.plane && o == w.plane->output) {
+      radius_at = k++;
+      add_to_radius(q.c[0], value, w.plane->o_p, std::cos(angle) / w.plane->s_p);
+      if (rate_told) add_to_radius(q.c[1] / scale, slope, w.plane->o_v, std::sin(angle) / w.plane->s_v);
+    } else if (w.plane && static_cast<int>(o) == w.plane->rate) {
+      add_to_radius(q.c[0], value, w.plane->o_v, std::sin(angle) / w.plane->s_v);
+    } else {
+      if (w.plane || o != w.phase) add(q.c[0], value);
+      if (rate_told) add(q.c[1] / scale, slope);
+    }
+  }
+  if (radius_at >= 0) {
+    r.x[radius_at] = radius;
+    r.variance[radius_at] = radius_variance;
+    if (!(radius > 0.0)) return {};
+  }
+  return r;
+}
+
+void pass(const Passages& w, const Samples& s, const std::vector<double>& phase, Visit& v, MatrixXd& noise,
+          VectorXd& count) {
+  const int first_section = w.place(v);
+  v.x.assign(static_cast<std::size_t>(w.per_chart), {});
+  v.when.assign(v.x.size(), std::nan(""));
+  v.input.assign(v.x.size(), std::nan(""));
+  for (int j = 0; j < w.per_chart; ++j) {
+    const auto here = locate(w, s, phase, v.first, v.rows, first_section + j);
+    if (!here) continue;
+    v.x[static_cast<std::size_t>(j)] = here->x;
+    v.when[static_cast<std::size_t>(j)] = here->when;
+    noise.row(first_section + j) += here->variance.transpose();
+    count[first_section + j] += 1.0;
+  }
+}
+
+void add_inputs(Passages& w) {
+  const Record& record = *w.record;
+  if (record.inputs.empty()) return;
+  for (Visit& v : w.visits) {
+    for (int j = 0; j < w.per_chart && !v.x.empty(); ++j) {
+      const Place next = from_here(w, v, j, 1);
+      if (next.x() == nullptr) continue;
+      const double from = v.when[static_cast<std::size_t>(j)];
+      const double to = next.visit->when[static_cast<std::size_t>(next.j)];
+      if (to > from)
+        v.input[static_cast<std::size_t>(j)] = mean_between(record, record.inputs[0].values, v.first, from, to);
+    }
+  }
+}
+
+void name_coordinates(Passages& w, Rhythm& r) {
+  for (std::size_t k = 0; k < w.y.size(); ++k) {
+    const Channel& c = w.record->outputs[k];
+    if (w.plane && k == w.plane->output) {
+      r.coordinates.emplace_back(c.name + " radius", "-");
+      continue;
+    }
+    if (w.plane && static_cast<int>(k) == w.plane->rate) continue;
+    if (w.plane || k != w.phase) r.coordinates.emplace_back(c.name, c.unit);
+    if (w.rate_of[k] < 0 && !w.rate_measured[k]) r.coordinates.emplace_back(c.name + "'", c.unit + "/s");
+  }
+  w.dim = static_cast<Index>(r.coordinates.size());
+}
 
 double quantile(std::vector<double> v, double q) {
   std::sort(v.begin(), v.end());
@@ -296,33 +414,20 @@ Passages find_passages(const Record& record, const RhythmOptions& o, MatrixXd& n
   if (record.rows() < 100 || record.outputs.empty())
     throw RecordError(record.name, "it has hardly any data", "record for longer");
   for (const Channel& c : record.outputs) w.y.push_back(c.values);
-  find_visits(w, o.exclude);
+  find_visits(w, o.exclude, true);
   find_rates(w);
   choose_levels(w);
-  for (std::size_t k = 0; k < w.y.size(); ++k) {
-    const Channel& c = record.outputs[k];
-    if (k != w.phase) r.coordinates.emplace_back(c.name, c.unit);
-    if (w.rate_of[k] < 0 && !w.rate_measured[k]) r.coordinates.emplace_back(c.name + "'", c.unit + "/s");
-  }
-  w.dim = static_cast<Index>(r.coordinates.size());
+  name_coordinates(w, r);
   const int N = w.sections();
   noise = MatrixXd::Zero(N, w.dim);
   count = VectorXd::Zero(N);
+  const Samples samples{record.t, w.y, w.stay};
+  const std::vector<double> phase = phase_of(w, samples);
   for (Visit& v : w.visits) {
-    if (std::find(w.order.begin(), w.order.end(), v.chart) != w.order.end() && v.chart >= 0) pass(w, v, noise, count);
+    if (std::find(w.order.begin(), w.order.end(), v.chart) != w.order.end() && v.chart >= 0)
+      pass(w, samples, phase, v, noise, count);
   }
-  if (!record.inputs.empty()) {
-    for (Visit& v : w.visits) {
-      for (int j = 0; j < w.per_chart && !v.x.empty(); ++j) {
-        const Place next = from_here(w, v, j, 1);
-        if (next.x() == nullptr) continue;
-        const double from = v.when[static_cast<std::size_t>(j)];
-        const double to = next.visit->when[static_cast<std::size_t>(next.j)];
-        if (to > from)
-          v.input[static_cast<std::size_t>(j)] = mean_between(record, record.inputs[0].values, v.first, from, to);
-      }
-    }
-  }
+  add_inputs(w);
   return w;
 }
 
