@@ -22,14 +22,6 @@ constexpr double mostly_told = 0.8;      // [-] of the input's deviations by the
 constexpr int finest = 16;               // [-] lines a cycle of the harmonic transfer functions
 constexpr std::size_t fewest_rows = 12;  // of a map
 
-std::vector<Complex> mean_of(const std::vector<std::vector<Complex>>& v) {
-  std::vector<Complex> m(v.front().size());
-  for (const auto& one : v) {
-    for (std::size_t i = 0; i < m.size(); ++i) m[i] += one[i] / static_cast<double>(v.size());
-  }
-  return m;
-}
-
 // Multipliers, at each section within a chart, and how they scatter when the stays are drawn anew.
 void add_multipliers(const Layout& layout, const RhythmOptions& o, Rhythm& r) {
   const Passages& w = layout.passages;
@@ -45,26 +37,19 @@ void add_multipliers(const Layout& layout, const RhythmOptions& o, Rhythm& r) {
                         "record more cycles; it takes a dozen of each step");
     }
   }
-  // In the order of `like`, or of the first section; empty where one of them cannot be told.
-  const auto each_of = [&](const VectorXd& weight, const std::vector<Complex>* like) {
-    std::vector<std::vector<Complex>> v;
-    for (std::size_t j = 0; j < steps.size(); ++j) {
-      const auto m = multipliers_of(steps[j], bases[j], r.directions, weight);
-      if (m.empty()) return std::vector<std::vector<Complex>>{};
-      v.push_back(like != nullptr ? in_order(m, *like) : v.empty() ? m : in_order(m, v.front()));
-    }
-    return v;
-  };
   const auto n = w.visits.size();
-  const auto each = each_of(VectorXd::Ones(static_cast<Index>(n)), nullptr);
-  if (each.empty()) throw RecordError(w.record->name, "its section maps cannot be told", "record more cycles");
-  const std::vector<Complex> mean = mean_of(each);
+  const VectorXd one = VectorXd::Ones(static_cast<Index>(n));
+  const auto mean = multipliers_of_all(steps, bases, r.directions, one);
+  if (mean.empty()) throw RecordError(w.record->name, "its section maps cannot be told", "record more cycles");
   std::vector<std::vector<Complex>> replicates;
   Random random(o.seed);
   for (int k = 0; k < o.replicates; ++k) {
-    const auto again = each_of(drawn(n, random), &mean);
-    if (!again.empty()) replicates.push_back(mean_of(again));
+    auto again = multipliers_of_all(steps, bases, r.directions, drawn(n, random));
+    if (!again.empty()) replicates.push_back(in_order(std::move(again), mean));
   }
+  const std::vector<double> spread = spread_of(steps, bases, mean, one);
+  r.disagreement = spread[0];
+  const bool partial = r.directions < static_cast<int>(w.dim);
   for (std::size_t i = 0; i < mean.size(); ++i) {
     RhythmMultiplier m;
     m.value = mean[i];
@@ -73,17 +58,16 @@ void add_multipliers(const Layout& layout, const RhythmOptions& o, Rhythm& r) {
       off.push_back(std::norm(v[i] - mean[i]));
       modulus.push_back(std::abs(v[i]));
     }
-    m.sigma = sigma_of(off, std::abs(m.value.imag()) > 0.0);
-    m.low = modulus.empty() ? 0.0 : quantile(modulus, 0.025);
-    m.high = modulus.empty() ? 0.0 : quantile(modulus, 0.975);
+    const double size = std::abs(m.value), unseen = partial ? spread[i] : 0.0;
+    m.sigma = std::hypot(sigma_of(off, std::abs(m.value.imag()) > 0.0), unseen);
+    m.low = modulus.empty() ? 0.0 : std::max(0.0, size - std::hypot(size - quantile(modulus, 0.025), 1.96 * unseen));
+    m.high = modulus.empty() ? 0.0 : size + std::hypot(quantile(modulus, 0.975) - size, 1.96 * unseen);
     r.multipliers.push_back(m);
   }
-  for (const auto& v : each) r.disagreement += std::norm(v[0] - mean[0]) / static_cast<double>(each.size());
-  r.disagreement = std::sqrt(r.disagreement);
-  if (r.directions < static_cast<int>(w.dim)) {
+  if (partial) {
     r.notes.push_back(
         format("In %d of %d directions the section before sees the passages scatter as well; multipliers of the "
-               "others, the most strongly contracted, are not told.",
+               "others, the most strongly contracted, are not told, and errors hold what sections disagree about.",
                r.directions, static_cast<int>(w.dim)));
   }
 }

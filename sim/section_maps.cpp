@@ -110,6 +110,49 @@ std::vector<Complex> in_order(std::vector<Complex> values, const std::vector<Com
   return r;
 }
 
+std::vector<Complex> multipliers_of_all(const std::vector<std::vector<Pairs>>& steps,
+                                        const std::vector<std::vector<Frame>>& frames, int directions,
+                                        const VectorXd& weight) {
+  const double share = 1.0 / static_cast<double>(steps.size());
+  std::vector<Complex> first, mean(static_cast<std::size_t>(directions), 0.0);
+  VectorXd polynomial = VectorXd::Zero(directions);  // coefficients of 1, z, z^2 ... below the leading one
+  for (std::size_t j = 0; j < steps.size(); ++j) {
+    auto roots = multipliers_of(steps[j], frames[j], directions, weight);
+    if (roots.empty()) return {};
+    if (j == 0) first = roots;
+    roots = in_order(std::move(roots), first);
+    Eigen::VectorXcd c = Eigen::VectorXcd::Zero(directions + 1);
+    c[0] = 1.0;
+    for (std::size_t k = 0; k < roots.size(); ++k) {  // times (z - root)
+      mean[k] += share * roots[k];
+      for (auto i = static_cast<Index>(k) + 1; i > 0; --i) c[i] = c[i - 1] - roots[k] * c[i];
+      c[0] *= -roots[k];
+    }
+    polynomial += share * c.head(directions).real();
+  }
+  const bool paired = std::all_of(mean.begin(), mean.end(), [&](const Complex& z) {
+    return std::any_of(mean.begin(), mean.end(),
+                       [&](const Complex& other) { return std::abs(other - std::conj(z)) < 1e-9; });
+  });
+  if (paired) return mean;
+  MatrixXd companion = MatrixXd::Zero(directions, directions);
+  companion.diagonal(-1).setOnes();
+  companion.col(directions - 1) = -polynomial;
+  return eigenvalues(companion);
+}
+
+std::vector<double> spread_of(const std::vector<std::vector<Pairs>>& steps,
+                              const std::vector<std::vector<Frame>>& frames, const std::vector<Complex>& multipliers,
+                              const VectorXd& weight) {
+  std::vector<double> r(multipliers.size(), 0.0);
+  for (std::size_t j = 0; j < steps.size(); ++j) {
+    const auto own = in_order(multipliers_of(steps[j], frames[j], static_cast<int>(r.size()), weight), multipliers);
+    for (std::size_t i = 0; i < r.size(); ++i) r[i] += std::norm(own[i] - multipliers[i]);
+  }
+  for (double& x : r) x = std::sqrt(x / static_cast<double>(steps.size()));
+  return r;
+}
+
 VectorXd drawn(std::size_t n, Random& random) {
   VectorXd w = VectorXd::Zero(static_cast<Index>(n));
   for (std::size_t i = 0; i < n; ++i)

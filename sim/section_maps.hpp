@@ -36,6 +36,19 @@ Eigen::MatrixXd map_of(const Pairs& p, const Frame& here, const Frame& there, Ei
 std::vector<Complex> multipliers_of(const std::vector<Pairs>& steps, const std::vector<Frame>& frames, int directions,
                                     const Eigen::VectorXd& weight);
 
+// Of the same cycle at several sections, which all have the same multipliers: their mean, or, where some sections tell
+// a pair that others tell as two real ones, the roots of the mean of their characteristic polynomials, so that pairs
+// stay pairs.
+std::vector<Complex> multipliers_of_all(const std::vector<std::vector<Pairs>>& steps,
+                                        const std::vector<std::vector<Frame>>& frames, int directions,
+                                        const Eigen::VectorXd& weight);
+
+// How far those of single sections lie from these, root mean square: where directions are left out it is more than
+// drawing anew tells, for what is left out differs from section to section.
+std::vector<double> spread_of(const std::vector<std::vector<Pairs>>& steps,
+                              const std::vector<std::vector<Frame>>& frames, const std::vector<Complex>& multipliers,
+                              const Eigen::VectorXd& weight);
+
 // The values nearest to those of `like`, in its order.
 std::vector<Complex> in_order(std::vector<Complex> values, const std::vector<Complex>& like);
 

@@ -320,20 +320,6 @@ SectionBeside section_beside(const Layout& layout, const std::vector<std::vector
   return r;
 }
 
-// The mean over the sections within a chart, in the order of `like`; empty where they cannot be told.
-std::vector<Complex> multipliers(const std::vector<std::vector<Pairs>>& steps,
-                                 const std::vector<std::vector<Frame>>& frames, int directions, const VectorXd& weight,
-                                 const std::vector<Complex>& like) {
-  std::vector<Complex> mean(like.size(), 0.0);
-  for (std::size_t j = 0; j < steps.size(); ++j) {
-    auto m = multipliers_of(steps[j], frames[j], directions, weight);
-    if (m.empty()) return {};
-    m = in_order(std::move(m), like);
-    for (std::size_t i = 0; i < mean.size(); ++i) mean[i] += m[i] / static_cast<double>(steps.size());
-  }
-  return mean;
-}
-
 void add_multipliers(const Layout& layout, const std::vector<std::vector<Journey>>& journeys, const Rhythm& rhythm,
                      const RhythmOptions& o, RhythmBeside& r) {
   const Passages& w = layout.passages;
@@ -359,19 +345,24 @@ void add_multipliers(const Layout& layout, const std::vector<std::vector<Journey
   }
   const auto n = w.visits.size();
   const VectorXd one = VectorXd::Ones(static_cast<Index>(n));
-  const auto of_record = multipliers(measured, frames, rhythm.directions, one, like);
-  const auto of_model = multipliers(model, frames, rhythm.directions, one, like);
+  auto of_record = multipliers_of_all(measured, frames, rhythm.directions, one);
+  auto of_model = multipliers_of_all(model, frames, rhythm.directions, one);
   if (of_record.empty() || of_model.empty()) {
     r.refusal = "its maps cannot be told";
     return;
   }
+  of_record = in_order(std::move(of_record), like);
+  of_model = in_order(std::move(of_model), of_record);
+  const std::vector<double> spread = spread_of(model, frames, of_model, one);
   std::vector<std::vector<double>> own(like.size()), off(like.size());
   Random random(o.seed + 3);
   for (int k = 0; k < o.replicates; ++k) {
     const VectorXd weight = drawn(n, random);
-    const auto a = multipliers(measured, frames, rhythm.directions, weight, of_record);
-    const auto b = multipliers(model, frames, rhythm.directions, weight, of_model);
+    auto a = multipliers_of_all(measured, frames, rhythm.directions, weight);
+    auto b = multipliers_of_all(model, frames, rhythm.directions, weight);
     if (a.empty() || b.empty()) continue;
+    a = in_order(std::move(a), of_record);
+    b = in_order(std::move(b), of_model);
     for (std::size_t i = 0; i < like.size(); ++i) {
       own[i].push_back(std::norm(b[i] - of_model[i]));
       off[i].push_back(std::norm(a[i] - b[i] - (of_record[i] - of_model[i])));
@@ -382,7 +373,7 @@ void add_multipliers(const Layout& layout, const std::vector<std::vector<Journey
     m.measured = of_record[i];
     m.model = of_model[i];
     const bool turning = std::abs(m.measured.imag()) > 0.0 || std::abs(m.model.imag()) > 0.0;
-    m.sigma = sigma_of(own[i], turning);
+    m.sigma = std::hypot(sigma_of(own[i], turning), rhythm.directions < static_cast<int>(w.dim) ? spread[i] : 0.0);
     m.off = std::abs(m.measured - m.model) / std::max(1e-300, sigma_of(off[i], turning));
     r.multipliers.push_back(m);
   }

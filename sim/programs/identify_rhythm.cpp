@@ -211,9 +211,7 @@ nlohmann::json compare(const Rhythm& events, const Rhythm& kinematic, bool quiet
     if (nearest == taken.size()) break;
     taken[nearest] = true;
     const RhythmMultiplier& k = kinematic.multipliers[nearest];
-    // What the sections of a family disagree about is an error that drawing anew does not tell.
-    const double error =
-        std::hypot(std::hypot(sigma, k.sigma), std::hypot(events.disagreement, kinematic.disagreement));
+    const double error = std::hypot(sigma, k.sigma);
     const double off = std::abs(k.value - z) / std::max(1e-300, error);
     list.push_back({{"events", {{"re", z.real()}, {"im", z.imag()}, {"sigma", sigma}}},
                     {"kinematic", {{"re", k.value.real()}, {"im", k.value.imag()}, {"sigma", k.sigma}}},

@@ -272,6 +272,28 @@ TEST_CASE("a walker of two legs: sections at its events and by its kinematic pha
   }
 }
 
+TEST_CASE("where one direction of three is not told the errors of the others hold what that costs",
+          "[rhythm][kinematic]") {
+  test::Walks w;
+  w.two_legs = true;
+  const Complex a = test::compass_gait_multipliers[0];
+  for (const bool kinematic : {false, true}) {
+    for (const std::uint64_t seed : {1u, 2u, 3u}) {
+      w.seed = seed;
+      RhythmOptions o;
+      o.kinematic = kinematic;
+      const Rhythm r = identify_rhythm(test::walks_of(CompassGait<>{}, w), o);
+      CHECK(r.directions == 2);
+      REQUIRE(r.multipliers.size() == 2);
+      for (const RhythmMultiplier& m : r.multipliers) {
+        CAPTURE(kinematic, seed, m.value, m.sigma);
+        CHECK(std::min(std::abs(m.value - a * a), std::abs(m.value - std::conj(a * a))) < 2.5 * m.sigma);
+        CHECK(m.sigma < 0.2);
+      }
+    }
+  }
+}
+
 TEST_CASE("the walking robot: seven walks tell how its gait attracts, and that its motor only follows its state",
           "[rhythm][measured]") {
   const Rhythm r =
