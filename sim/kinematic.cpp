@@ -21,8 +21,9 @@ struct Turns {
   std::vector<Visit> visits;
   std::vector<bool> good;                 // (visits) goes round in one direction
   int whole = 0, fallen = 0, jumped = 0;  // turns; of those the phase falls back in, or jumps in
-  std::vector<double> phase;              // (rows) [turn]
-  std::vector<double> lasted;             // (whole turns) [s]
+  int sound() const { return whole - fallen - jumped; }
+  std::vector<double> phase;   // (rows) [turn]
+  std::vector<double> lasted;  // (whole turns) [s]
 };
 
 // One experiment without a gap: the phase unwrapped, cut where it passes whole turns.
@@ -117,8 +118,9 @@ Turns turns_of(const Passages& w) {
   return r;
 }
 
-// A point inside the cycle of an output and its rate, and its size.
-PhasePlane plane_of(const Passages& w, std::size_t output) {
+// A point inside the cycle of an output and its rate, and its size: the middle of where they mostly are, or, `usual`,
+// their medians, for what rests now and then, or swings less and less.
+PhasePlane plane_of(const Passages& w, std::size_t output, bool usual) {
   PhasePlane p;
   p.output = output;
   for (std::size_t b = 0; b < w.y.size(); ++b) {
@@ -135,9 +137,9 @@ PhasePlane plane_of(const Passages& w, std::size_t output) {
     rates.push_back(rate);
   }
   if (values.empty()) return p;
-  const auto span = [](const std::vector<double>& v, double& middle, double& half) {
+  const auto span = [&](const std::vector<double>& v, double& middle, double& half) {
     const double low = quantile(v, 0.05), high = quantile(v, 0.95);
-    middle = 0.5 * (low + high);
+    middle = usual ? median(v) : 0.5 * (low + high);
     half = std::max(0.5 * (high - low), 1e-300);
   };
   span(values, p.o_p, p.s_p);
@@ -161,7 +163,7 @@ double period_of_events(const Passages& w) {
 // Why the angle of this output is no phase; empty where it is one.
 std::string unfit(const Turns& t, double cycle, const std::string& name) {
   if (t.whole < fewest) return format("that of %s goes round %d times", name.c_str(), t.whole);
-  if (t.whole - t.fallen - t.jumped < mostly * t.whole) {
+  if (t.sound() < mostly * t.whole) {
     return format("of the %d turns of %s it falls back in %d and jumps at the events in %d", t.whole, name.c_str(),
                   t.fallen, t.jumped);
   }
@@ -186,22 +188,28 @@ Passages find_turns(const Record& record, const RhythmOptions& o, MatrixXd& nois
   std::optional<PhasePlane> chosen;
   for (std::size_t output = 0; output < w.y.size(); ++output) {
     if (w.rate_of[output] >= 0 || (o.plane.size() == 4 && output > 0)) continue;
-    w.plane = plane_of(w, output);
-    if (o.plane.size() == 4) {
-      w.plane->o_p = o.plane[0];
-      w.plane->o_v = o.plane[1];
-      w.plane->s_p = o.plane[2];
-      w.plane->s_v = o.plane[3];
+    Turns turns;
+    PhasePlane plane;
+    for (const bool usual : {false, true}) {
+      w.plane = plane_of(w, output, usual);
+      if (o.plane.size() == 4) {
+        w.plane->o_p = o.plane[0];
+        w.plane->o_v = o.plane[1];
+        w.plane->s_p = o.plane[2];
+        w.plane->s_v = o.plane[3];
+      }
+      Turns t = turns_of(w);
+      if (usual && t.sound() <= turns.sound()) continue;
+      turns = std::move(t);
+      plane = *w.plane;
     }
-    Turns t = turns_of(w);
-    const int good = t.whole - t.fallen - t.jumped;
-    if (const std::string no = unfit(t, cycle, record.outputs[output].name); !no.empty()) {
+    if (const std::string no = unfit(turns, cycle, record.outputs[output].name); !no.empty()) {
       why += (why.empty() ? "" : "; ") + no;
       continue;
     }
-    if (chosen && good * best.whole <= (best.whole - best.fallen - best.jumped) * t.whole) continue;
-    best = std::move(t);
-    chosen = w.plane;
+    if (chosen && turns.sound() * best.whole <= best.sound() * turns.whole) continue;
+    best = std::move(turns);
+    chosen = plane;
   }
   if (!chosen) {
     throw RecordError(record.name, "no output has a phase that goes round: " + why,

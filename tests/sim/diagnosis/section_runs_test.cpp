@@ -159,3 +159,20 @@ TEST_CASE("the walking robot: friction known from the bench takes the hip's bias
   CHECK(bias(rubbed, 3) > 4.0);
   for (const SectionBeside& s : rubbed.model.sections) CHECK(s.runs >= 25);
 }
+
+TEST_CASE("the leg on its bench: with the friction that was found there the model keeps as much of a swing as the leg",
+          "[section-runs][kinematic][measured]") {
+  const Record bench = read_record(std::filesystem::path(SALTUS_TEST_DATA "/measured/leg-bench.csv"));
+  const Beside plain = beside(bench, "leg_bench", {}, true);
+  const Beside rubbed =
+      beside(bench, "leg_bench", {{"viscous_damper@hip", 0.00111}, {"coulomb_friction@hip", 0.00665}}, true);
+  REQUIRE(plain.model.multipliers.size() == 1);
+  REQUIRE(rubbed.model.multipliers.size() == 1);
+  const MultiplierBeside &without = plain.model.multipliers[0], &with = rubbed.model.multipliers[0];
+  CAPTURE(without.model, without.off, with.model, with.measured, with.off);
+  CHECK(plain.rhythm.multipliers[0].high < 1.0);
+  CHECK(without.model.real() > 1.0);  // the motor drives it
+  CHECK(without.off > 10.0);
+  CHECK(std::abs(with.model - with.measured) < 0.03);
+  CHECK(with.off < without.off / 3.0);
+}
