@@ -115,10 +115,10 @@ TEST_CASE("without events the kinematic phase tells the multiplier, its interval
   constexpr double decay = 0.5;  // [1/s] of turns of 1 s
   RhythmOptions o;
   o.kinematic = true;
-  o.replicates = 150;
+  o.replicates = 100;
   int inside = 0;
   double mean = 0.0;
-  constexpr int seeds = 40;
+  constexpr int seeds = 16;
   for (int seed = 1; seed <= seeds; ++seed) {
     const Rhythm r = identify_rhythm(swings_of(decay, 2e-3, 0.0, static_cast<std::uint64_t>(seed)), o);
     REQUIRE(r.multipliers.size() == 1);
@@ -129,7 +129,7 @@ TEST_CASE("without events the kinematic phase tells the multiplier, its interval
     mean += r.multipliers[0].value.real() / seeds;
   }
   CAPTURE(inside, mean);
-  CHECK(inside >= 34);
+  CHECK(inside >= 14);
   CHECK(std::abs(mean - std::exp(-decay)) < 0.01);
 }
 
@@ -278,9 +278,10 @@ TEST_CASE("where one direction of three is not told the errors of the others hol
   w.two_legs = true;
   const Complex a = test::compass_gait_multipliers[0];
   for (const bool kinematic : {false, true}) {
-    for (const std::uint64_t seed : {1u, 2u, 3u}) {
+    for (const std::uint64_t seed : {1u, 2u}) {
       w.seed = seed;
       RhythmOptions o;
+      o.replicates = 100;
       o.kinematic = kinematic;
       const Rhythm r = identify_rhythm(test::walks_of(CompassGait<>{}, w), o);
       CHECK(r.directions == 2);
