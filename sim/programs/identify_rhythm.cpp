@@ -177,8 +177,8 @@ void print(const Rhythm& r) {
   }
 }
 
-// Multipliers of the model's own limit cycle; what is said of them.
-std::string add_model_multipliers(const IdentifyOptions& o, nlohmann::json& j) {
+// Multipliers of the model's own limit cycle; what is said of them. `declared`: --set is known to be sound.
+std::string add_model_multipliers(const IdentifyOptions& o, bool declared, nlohmann::json& j) {
   std::string said;
   try {
     for (const Complex& z : orbit_multipliers(o.model)) {
@@ -188,6 +188,10 @@ std::string add_model_multipliers(const IdentifyOptions& o, nlohmann::json& j) {
     }
   } catch (const RunError& e) {
     said = std::string("none: ") + e.what();
+  } catch (const UsageError& e) {
+    if (!declared) throw;
+    said = std::string("none: ") +
+           e.what();  // an effect has been declared of it, and the cycle is that of the model alone
   }
   return said;
 }
@@ -275,7 +279,7 @@ void identify_rhythm(const IdentifyOptions& o, const Record& record) {
       j["model_maps"] = json_of(beside, r);
       if (!quiet) print(beside, r);
     }
-    const std::string own = may_cycle ? add_model_multipliers(o, j)
+    const std::string own = may_cycle ? add_model_multipliers(o, machine != nullptr, j)
                                       : "none: it has no rhythm of its own without the controller that drove it";
     if (!quiet) std::printf("  multipliers of the model's own limit cycle: %s\n", own.c_str());
     if (!o.csv.empty()) write_text(found.empty() ? o.csv : beside(o.csv, "kinematic"), csv_of(r));

@@ -1,6 +1,7 @@
 // Records of machines that pace themselves, from the command line.
 #include "tests/support/catch.hpp"
 #include "tests/support/program.hpp"
+#include "tests/support/walks.hpp"
 
 #include <nlohmann/json.hpp>
 
@@ -71,6 +72,24 @@ TEST_CASE("sections by a phase that the walk does not have are refused, and noth
   const auto clock = folder.run({"identify", "compass_gait_robot", "--record", walking, "--sections", "clock"});
   CHECK(clock.status == 2);
   CHECK(clock.err.find("no clock paces") != std::string::npos);
+}
+
+TEST_CASE("a walker with a cycle of its own: its record, its model run beside it and its limit cycle agree") {
+  const Folder folder;
+  saltus::write_record(folder.path() / "walks.csv", walks_of(saltus::CompassGait<>{}, {}));
+  const auto done = folder.run({"identify", "compass_gait", "--record", "walks.csv", "--json", "x.json"});
+  CAPTURE(done.out, done.err);
+  REQUIRE(done.status == 0);
+  CHECK(done.out.find("multipliers of the model's own limit cycle: -0.1997 + 0.5445 i") != std::string::npos);
+  const json j = json::parse(text_of(folder.path() / "x.json"));
+  REQUIRE(j["model_maps"]["multipliers"].size() == 3);
+  for (const json& m : j["model_maps"]["multipliers"]) CHECK(m["off"].get<double>() < 3.0);
+  CHECK(std::abs(j["model_maps"]["multipliers"][0]["model"]["re"].get<double>() + 0.1997) < 0.02);
+  const auto rubbed =
+      folder.run({"identify", "compass_gait", "--record", "walks.csv", "--set", "viscous_damper@hip=0.5"});
+  CAPTURE(rubbed.out, rubbed.err);
+  CHECK(rubbed.status == 0);
+  CHECK(rubbed.out.find("the model's decays are not the machine's") != std::string::npos);
 }
 
 TEST_CASE("a record of another machine, or of none that is known, is refused by name") {
