@@ -1,29 +1,22 @@
 #include "passages.hpp"
 
-#include <Eigen/LU>
-
-#include <cmath>
-
 namespace saltus::rhythm {
-namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using Index = Eigen::Index;
 
-constexpr double gap = 2.5;       // [-] of the usual spacing: beyond it samples are missing
-constexpr Index half_window = 6;  // [sample] of the parabola about a passage, on either side
-
-void find_visits(Passages& w, double exclude) {
+void find_visits(Passages& w, double exclude, bool marked) {
   const Record& record = *w.record;
   std::vector<double> steps;
   for (std::size_t i = 1; i < record.rows(); ++i) {
     if (record.experiment[i] == record.experiment[i - 1]) steps.push_back(record.t[i] - record.t[i - 1]);
   }
   w.spacing = median(steps);
-  if (record.cycle.empty() && record.chart_names.size() < 2) {
+  if (marked && record.cycle.empty() && record.chart_names.size() < 2) {
     throw RecordError(record.name, "nothing in it marks the events of its rhythm",
-                      "give it a column cycle, which counts steps, or a column chart, which changes with them");
+                      "give it a column cycle, which counts steps, or a column chart, which changes with them; or "
+                      "choose --sections kinematic");
   }
   std::vector<int> key(record.rows(), 0);  // changes at an event
   const auto charts = static_cast<int>(record.chart_names.size()) + 1;
@@ -31,6 +24,8 @@ void find_visits(Passages& w, double exclude) {
     key[i] = (record.cycle.empty() ? 0 : record.cycle[i]) * charts + (record.chart.empty() ? 0 : record.chart[i]);
   }
   const auto drop = static_cast<std::size_t>(std::lround(exclude / w.spacing));
+  w.ringing = drop;
+  w.stay.assign(record.rows(), -1);
   for (const Experiment& e : experiments(record)) {
     int last = -1;
     const std::size_t end = e.first_row + e.rows;
@@ -46,10 +41,12 @@ void find_visits(Passages& w, double exclude) {
       v.chart = record.chart.empty() ? 0 : record.chart[from];
       v.first = from + drop;
       v.rows = to - from > 2 * drop ? to - from - 2 * drop : 0;
+      if (v.rows == 0) v.first = from;
       v.begin = record.t[from];
       v.end = to < end ? record.t[to] : record.t[to - 1];
       v.previous = last;
       const int index = static_cast<int>(w.visits.size());
+      std::fill_n(w.stay.begin() + static_cast<std::ptrdiff_t>(v.first), v.rows, index);
       if (last >= 0) w.visits[static_cast<std::size_t>(last)].next = index;
       last = joined ? index : -1;
       w.visits.push_back(std::move(v));
@@ -76,7 +73,6 @@ void find_visits(Passages& w, double exclude) {
   }
 }
 
-// Which outputs are rates of others: by their units and by what they say.
 void find_rates(Passages& w) {
   const auto& outputs = w.record->outputs;
   w.rate_of.assign(outputs.size(), -1);
@@ -103,6 +99,8 @@ void find_rates(Passages& w) {
     }
   }
 }
+
+namespace {
 
 // The output that runs through every chart in one direction, most nearly; and the levels it passes.
 void choose_levels(Passages& w) {
@@ -156,107 +154,6 @@ void choose_levels(Passages& w) {
   }
 }
 
-// A parabola through the samples about one: its coefficients about their middle time, and what it leaves.
-struct Parabola {
-  Eigen::Vector3d c = Eigen::Vector3d::Zero();
-  Eigen::Matrix3d inverse = Eigen::Matrix3d::Zero();  // of the normal equations
-  double squares = 0.0;
-  Index n = 0;
-};
-Parabola parabola(const std::vector<double>& t, const std::vector<double>& y, std::size_t from, std::size_t to,
-                  double middle, double scale) {
-  Eigen::Matrix3d A = Eigen::Matrix3d::Zero();
-  Eigen::Vector3d b = Eigen::Vector3d::Zero();
-  Parabola p;
-  for (std::size_t i = from; i < to; ++i) {
-    if (!std::isfinite(y[i])) continue;
-    const double s = (t[i] - middle) / scale;
-    const Eigen::Vector3d row(1.0, s, s * s);
-    A += row * row.transpose();
-    b += row * y[i];
-    ++p.n;
-  }
-  if (p.n < half_window) return p;
-  p.inverse = A.inverse();
-  p.c = p.inverse * b;
-  for (std::size_t i = from; i < to; ++i) {
-    if (!std::isfinite(y[i])) continue;
-    const double s = (t[i] - middle) / scale;
-    const double e = y[i] - p.c.dot(Eigen::Vector3d(1.0, s, s * s));
-    p.squares += e * e;
-  }
-  return p;
-}
-
-// Locates the passages of one stay; adds what locating leaves to `noise` (sections x coordinates, sums) and `count`.
-void pass(const Passages& w, Visit& v, MatrixXd& noise, VectorXd& count) {
-  const Record& record = *w.record;
-  const int first_section = w.place(v);
-  v.x.assign(static_cast<std::size_t>(w.per_chart), {});
-  v.when.assign(v.x.size(), std::nan(""));
-  v.input.assign(v.x.size(), std::nan(""));
-  const auto& phase = w.y[w.phase];
-  const double scale = w.spacing * static_cast<double>(half_window);
-  for (int j = 0; j < w.per_chart; ++j) {
-    const double level = w.level[static_cast<std::size_t>(first_section + j)];
-    // Noise may cross a level more than once: the middle one.
-    std::vector<double> crossings;
-    for (std::size_t i = v.first + 1; i < v.first + v.rows; ++i) {
-      if ((phase[i] - level) * (phase[i - 1] - level) <= 0.0) crossings.push_back(static_cast<double>(i));
-    }
-    if (crossings.empty()) continue;
-    auto centre = static_cast<std::size_t>(median(crossings));
-    double when = record.t[centre];
-    Parabola p;
-    std::size_t from = 0, to = 0;
-    bool there = false;
-    for (int round = 0; round < 4; ++round) {
-      if (centre < v.first + 2 || centre + 2 >= v.first + v.rows) break;
-      from = std::max(v.first, centre - std::min(centre, at(half_window)));
-      to = std::min(v.first + v.rows, centre + at(half_window) + 1);
-      p = parabola(record.t, phase, from, to, record.t[centre], scale);
-      if (p.n < half_window) break;
-      double s = 0.0;
-      for (int k = 0; k < 20; ++k) {
-        const double slope = p.c[1] + 2.0 * p.c[2] * s;
-        s -= (p.c[0] + s * (p.c[1] + s * p.c[2]) - level) / (std::abs(slope) > 1e-300 ? slope : 1e-300);
-        s = std::clamp(s, -1.0, 1.0);
-      }
-      when = record.t[centre] + s * scale;
-      there = std::abs(p.c[0] + s * (p.c[1] + s * p.c[2]) - level) < 1e-9 * (1.0 + std::abs(level));
-      const auto nearer = static_cast<std::size_t>(
-          std::lower_bound(record.t.begin() + static_cast<std::ptrdiff_t>(from),
-                           record.t.begin() + static_cast<std::ptrdiff_t>(to), when - 0.5 * w.spacing) -
-          record.t.begin());
-      if (nearer == centre) break;
-      centre = nearer;
-    }
-    if (!there) continue;
-    VectorXd x(w.dim);
-    VectorXd error(w.dim);
-    Index k = 0;
-    bool whole = true;
-    for (std::size_t o = 0; o < w.y.size() && whole; ++o) {
-      const Parabola q = parabola(record.t, w.y[o], from, to, when, scale);
-      whole = q.n >= half_window;
-      const double variance = q.squares / std::max(1.0, static_cast<double>(q.n - 3));
-      if (o != w.phase) {
-        x[k] = q.c[0];
-        error[k++] = variance * q.inverse(0, 0);
-      }
-      if (w.rate_of[o] < 0 && !w.rate_measured[o]) {
-        x[k] = q.c[1] / scale;
-        error[k++] = variance * q.inverse(1, 1) / (scale * scale);
-      }
-    }
-    if (!whole) continue;
-    v.x[static_cast<std::size_t>(j)] = x;
-    v.when[static_cast<std::size_t>(j)] = when;
-    noise.row(first_section + j) += error.transpose();
-    count[first_section + j] += 1.0;
-  }
-}
-
 // The mean of a held signal between two times.
 double mean_between(const Record& r, const std::vector<double>& u, std::size_t first, double from, double to) {
   double sum = 0.0;
@@ -270,6 +167,51 @@ double mean_between(const Record& r, const std::vector<double>& u, std::size_t f
 }
 
 }  // namespace
+
+void pass(const Passages& w, const Samples& s, const std::vector<double>& phase, Visit& v, MatrixXd& noise,
+          VectorXd& count) {
+  const int first_section = w.place(v);
+  v.x.assign(static_cast<std::size_t>(w.per_chart), {});
+  v.when.assign(v.x.size(), std::nan(""));
+  v.input.assign(v.x.size(), std::nan(""));
+  for (int j = 0; j < w.per_chart; ++j) {
+    const auto here = locate(w, s, phase, v.first, v.rows, first_section + j);
+    if (!here) continue;
+    v.x[static_cast<std::size_t>(j)] = here->x;
+    v.when[static_cast<std::size_t>(j)] = here->when;
+    noise.row(first_section + j) += here->variance.transpose();
+    count[first_section + j] += 1.0;
+  }
+}
+
+void add_inputs(Passages& w) {
+  const Record& record = *w.record;
+  if (record.inputs.empty()) return;
+  for (Visit& v : w.visits) {
+    for (int j = 0; j < w.per_chart && !v.x.empty(); ++j) {
+      const Place next = from_here(w, v, j, 1);
+      if (next.x() == nullptr) continue;
+      const double from = v.when[static_cast<std::size_t>(j)];
+      const double to = next.visit->when[static_cast<std::size_t>(next.j)];
+      if (to > from)
+        v.input[static_cast<std::size_t>(j)] = mean_between(record, record.inputs[0].values, v.first, from, to);
+    }
+  }
+}
+
+void name_coordinates(Passages& w, Rhythm& r) {
+  for (std::size_t k = 0; k < w.y.size(); ++k) {
+    const Channel& c = w.record->outputs[k];
+    if (w.plane && k == w.plane->output) {
+      r.coordinates.emplace_back(c.name + " radius", "-");
+      continue;
+    }
+    if (w.plane && static_cast<int>(k) == w.plane->rate) continue;
+    if (w.plane || k != w.phase) r.coordinates.emplace_back(c.name, c.unit);
+    if (w.rate_of[k] < 0 && !w.rate_measured[k]) r.coordinates.emplace_back(c.name + "'", c.unit + "/s");
+  }
+  w.dim = static_cast<Index>(r.coordinates.size());
+}
 
 double quantile(std::vector<double> v, double q) {
   std::sort(v.begin(), v.end());
@@ -296,33 +238,20 @@ Passages find_passages(const Record& record, const RhythmOptions& o, MatrixXd& n
   if (record.rows() < 100 || record.outputs.empty())
     throw RecordError(record.name, "it has hardly any data", "record for longer");
   for (const Channel& c : record.outputs) w.y.push_back(c.values);
-  find_visits(w, o.exclude);
+  find_visits(w, o.exclude, true);
   find_rates(w);
   choose_levels(w);
-  for (std::size_t k = 0; k < w.y.size(); ++k) {
-    const Channel& c = record.outputs[k];
-    if (k != w.phase) r.coordinates.emplace_back(c.name, c.unit);
-    if (w.rate_of[k] < 0 && !w.rate_measured[k]) r.coordinates.emplace_back(c.name + "'", c.unit + "/s");
-  }
-  w.dim = static_cast<Index>(r.coordinates.size());
+  name_coordinates(w, r);
   const int N = w.sections();
   noise = MatrixXd::Zero(N, w.dim);
   count = VectorXd::Zero(N);
+  const Samples samples{record.t, w.y, w.stay};
+  const std::vector<double> phase = phase_of(w, samples);
   for (Visit& v : w.visits) {
-    if (std::find(w.order.begin(), w.order.end(), v.chart) != w.order.end() && v.chart >= 0) pass(w, v, noise, count);
+    if (std::find(w.order.begin(), w.order.end(), v.chart) != w.order.end() && v.chart >= 0)
+      pass(w, samples, phase, v, noise, count);
   }
-  if (!record.inputs.empty()) {
-    for (Visit& v : w.visits) {
-      for (int j = 0; j < w.per_chart && !v.x.empty(); ++j) {
-        const Place next = from_here(w, v, j, 1);
-        if (next.x() == nullptr) continue;
-        const double from = v.when[static_cast<std::size_t>(j)];
-        const double to = next.visit->when[static_cast<std::size_t>(next.j)];
-        if (to > from)
-          v.input[static_cast<std::size_t>(j)] = mean_between(record, record.inputs[0].values, v.first, from, to);
-      }
-    }
-  }
+  add_inputs(w);
   return w;
 }
 

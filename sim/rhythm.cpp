@@ -4,10 +4,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "core/random.hpp"
 #include "format.hpp"
+#include "kinematic.hpp"
 #include "section_maps.hpp"
 
 namespace saltus {
@@ -22,73 +22,34 @@ constexpr double mostly_told = 0.8;      // [-] of the input's deviations by the
 constexpr int finest = 16;               // [-] lines a cycle of the harmonic transfer functions
 constexpr std::size_t fewest_rows = 12;  // of a map
 
-// The values nearest to those of `like`, in its order.
-std::vector<Complex> in_order(std::vector<Complex> values, const std::vector<Complex>& like) {
-  std::vector<Complex> r;
-  for (const Complex& z : like) {
-    const auto nearest = std::min_element(values.begin(), values.end(), [&](const Complex& a, const Complex& b) {
-      return std::abs(a - z) < std::abs(b - z);
-    });
-    r.push_back(*nearest);
-    values.erase(nearest);
-  }
-  return r;
-}
-
-std::vector<Complex> mean_of(const std::vector<std::vector<Complex>>& v) {
-  std::vector<Complex> m(v.front().size());
-  for (const auto& one : v) {
-    for (std::size_t i = 0; i < m.size(); ++i) m[i] += one[i] / static_cast<double>(v.size());
-  }
-  return m;
-}
-
-// How often each stay is drawn when as many are drawn with replacement.
-VectorXd drawn(std::size_t n, Random& random) {
-  VectorXd w = VectorXd::Zero(static_cast<Index>(n));
-  for (std::size_t i = 0; i < n; ++i)
-    w[std::min(static_cast<Index>(n) - 1, static_cast<Index>(random.uniform() * static_cast<double>(n)))] += 1.0;
-  return w;
-}
-
 // Multipliers, at each section within a chart, and how they scatter when the stays are drawn anew.
-void add_multipliers(const Passages& w, const std::vector<Frame>& frames, const RhythmOptions& o, Rhythm& r) {
+void add_multipliers(const Layout& layout, const RhythmOptions& o, Rhythm& r) {
+  const Passages& w = layout.passages;
   std::vector<std::vector<Pairs>> steps;
   std::vector<std::vector<Frame>> bases;
   for (int j = 1; j < w.per_chart; ++j) {
-    steps.emplace_back();
-    bases.emplace_back();
-    for (std::size_t c = 0; c < w.order.size(); ++c) {
-      const int section = static_cast<int>(c) * w.per_chart + j;
-      steps.back().push_back(pairs_of(w, section, w.per_chart));
-      bases.back().push_back(frames[at(section)]);
-      const Index rows = steps.back().back().x.rows();
-      if (rows >= std::max<Index>(static_cast<Index>(fewest_rows), 3 * r.directions)) continue;
+    steps.push_back(steps_of(w, j));
+    bases.push_back(frames_at(layout, j));
+    for (const Pairs& p : steps.back()) {
+      if (p.x.rows() >= std::max<Index>(static_cast<Index>(fewest_rows), 3 * r.directions)) continue;
       throw RecordError(w.record->name,
-                        "only " + std::to_string(rows) + " steps are followed by another of the same experiment",
+                        "only " + std::to_string(p.x.rows()) + " steps are followed by another of the same experiment",
                         "record more cycles; it takes a dozen of each step");
     }
   }
-  // In the order of `like`, or of the first section; empty where one of them cannot be told.
-  const auto each_of = [&](const VectorXd& weight, const std::vector<Complex>* like) {
-    std::vector<std::vector<Complex>> v;
-    for (std::size_t j = 0; j < steps.size(); ++j) {
-      const auto m = multipliers_of(steps[j], bases[j], r.directions, weight);
-      if (m.empty()) return std::vector<std::vector<Complex>>{};
-      v.push_back(like != nullptr ? in_order(m, *like) : v.empty() ? m : in_order(m, v.front()));
-    }
-    return v;
-  };
   const auto n = w.visits.size();
-  const auto each = each_of(VectorXd::Ones(static_cast<Index>(n)), nullptr);
-  if (each.empty()) throw RecordError(w.record->name, "its section maps cannot be told", "record more cycles");
-  const std::vector<Complex> mean = mean_of(each);
+  const VectorXd one = VectorXd::Ones(static_cast<Index>(n));
+  const auto mean = multipliers_of_all(steps, bases, r.directions, one);
+  if (mean.empty()) throw RecordError(w.record->name, "its section maps cannot be told", "record more cycles");
   std::vector<std::vector<Complex>> replicates;
   Random random(o.seed);
   for (int k = 0; k < o.replicates; ++k) {
-    const auto again = each_of(drawn(n, random), &mean);
-    if (!again.empty()) replicates.push_back(mean_of(again));
+    auto again = multipliers_of_all(steps, bases, r.directions, drawn(n, random));
+    if (!again.empty()) replicates.push_back(in_order(std::move(again), mean));
   }
+  const std::vector<double> spread = spread_of(steps, bases, mean, one);
+  r.disagreement = spread[0];
+  const bool partial = r.directions < static_cast<int>(w.dim);
   for (std::size_t i = 0; i < mean.size(); ++i) {
     RhythmMultiplier m;
     m.value = mean[i];
@@ -97,19 +58,16 @@ void add_multipliers(const Passages& w, const std::vector<Frame>& frames, const 
       off.push_back(std::norm(v[i] - mean[i]));
       modulus.push_back(std::abs(v[i]));
     }
-    // The median, for a replicate whose map is nearly singular lies anywhere: of two Gaussian numbers the square's is
-    // 2 ln 2 / 2 of its mean, of one 0.455.
-    m.sigma = std::sqrt(median(off) / (std::abs(m.value.imag()) > 0.0 ? std::numbers::ln2 : 0.455));
-    m.low = modulus.empty() ? 0.0 : quantile(modulus, 0.025);
-    m.high = modulus.empty() ? 0.0 : quantile(modulus, 0.975);
+    const double size = std::abs(m.value), unseen = partial ? spread[i] : 0.0;
+    m.sigma = std::hypot(sigma_of(off, std::abs(m.value.imag()) > 0.0), unseen);
+    m.low = modulus.empty() ? 0.0 : std::max(0.0, size - std::hypot(size - quantile(modulus, 0.025), 1.96 * unseen));
+    m.high = modulus.empty() ? 0.0 : size + std::hypot(quantile(modulus, 0.975) - size, 1.96 * unseen);
     r.multipliers.push_back(m);
   }
-  for (const auto& v : each) r.disagreement += std::norm(v[0] - mean[0]) / static_cast<double>(each.size());
-  r.disagreement = std::sqrt(r.disagreement);
-  if (r.directions < static_cast<int>(w.dim)) {
+  if (partial) {
     r.notes.push_back(
         format("In %d of %d directions the section before sees the passages scatter as well; multipliers of the "
-               "others, the most strongly contracted, are not told.",
+               "others, the most strongly contracted, are not told, and errors hold what sections disagree about.",
                r.directions, static_cast<int>(w.dim)));
   }
 }
@@ -180,7 +138,7 @@ void add_htf(const Passages& w, const std::vector<Frame>& frames, const RhythmOp
   for (std::size_t q = 0; q < h.size(); ++q) {
     for (Index m = 0; m < h[q].rows(); ++m) {
       for (Index c = 0; c < h[q].cols(); ++c) {
-        const double sigma = std::sqrt(median(squares[q][at(c * h[q].rows() + m)]) / std::numbers::ln2);
+        const double sigma = sigma_of(squares[q][at(c * h[q].rows() + m)], true);
         list.push_back(
             {static_cast<int>(m) - o.harmonics, static_cast<double>(q + 1) / finest, at(c), h[q](m, c), sigma});
         if (m != o.harmonics || !(sigma > 0.0)) continue;
@@ -201,17 +159,20 @@ void add_htf(const Passages& w, const std::vector<Frame>& frames, const RhythmOp
 
 }  // namespace
 
-Rhythm identify_rhythm(const Record& record, const RhythmOptions& o) {
+Rhythm identify_rhythm(const Record& record, const RhythmOptions& o, Layout* kept) {
   Rhythm r;
   MatrixXd noise;
   VectorXd count;
-  const Passages w = find_passages(record, o, noise, count, r);
+  Layout unkept;
+  Layout& layout = kept != nullptr ? *kept : unkept;
+  layout.passages = (o.kinematic ? find_turns : find_passages)(record, o, noise, count, r);
+  const Passages& w = layout.passages;
   const int N = w.sections();
 
   // The cycle.
   r.experiments = static_cast<int>(experiments(record).size());
   for (const int c : w.order)
-    r.charts.push_back(c >= 0 && !record.chart_names.empty() ? record.chart_names[at(c)] : "");
+    r.charts.push_back(c >= 0 && !w.plane && !record.chart_names.empty() ? record.chart_names[at(c)] : "");
   std::vector<double> periods;
   std::vector<std::vector<double>> phase(static_cast<std::size_t>(N));
   for (const Visit& v : w.visits) {
@@ -235,11 +196,11 @@ Rhythm identify_rhythm(const Record& record, const RhythmOptions& o) {
   for (const double x : periods) r.period_scatter += (x - r.period) * (x - r.period) / std::max(1.0, r.cycles - 1.0);
   r.period_scatter = std::sqrt(r.period_scatter);
 
-  std::vector<VectorXd> noises;
+  std::vector<VectorXd>& noises = layout.noise;
   for (int s = 0; s < N; ++s) {
     RhythmSection section;
     section.chart = r.charts[static_cast<std::size_t>(s / w.per_chart)];
-    section.output = record.outputs[w.phase].name;
+    section.output = record.outputs[w.plane ? w.plane->output : w.phase].name;
     section.level = w.level[static_cast<std::size_t>(s)];
     section.passages = static_cast<int>(count[s]);
     section.phase = phase[at(s)].empty() ? std::nan("") : median(phase[at(s)]);
@@ -266,7 +227,7 @@ Rhythm identify_rhythm(const Record& record, const RhythmOptions& o) {
   }
 
   // From each section but a chart's first, whose instrument lies beyond an event, to the same of the next chart.
-  std::vector<Frame> frames;
+  std::vector<Frame>& frames = layout.frames;
   r.directions = static_cast<int>(w.dim);
   for (int s = 0; s < N; ++s) {
     const Pairs p = pairs_of(w, s, 1);
@@ -283,7 +244,7 @@ Rhythm identify_rhythm(const Record& record, const RhythmOptions& o) {
     r.notes.push_back("Every cycle is the same within the sensors' noise: nothing tells how deviations decay.");
     return r;
   }
-  add_multipliers(w, frames, o, r);
+  add_multipliers(layout, o, r);
   add_htf(w, frames, o, r);
   return r;
 }

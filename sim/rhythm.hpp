@@ -13,19 +13,26 @@
 
 namespace saltus {
 
+namespace rhythm {
+struct Layout;
+}
+
 struct RhythmOptions {
   int sections = 4;        // [-] of each chart
   double exclude = 0.035;  // [s] left out on either side of an event, where the structure rings
   int replicates = 400;    // of the bootstrap
   std::uint64_t seed = 1;
   int harmonics = 1;  // H_-harmonics ... H_harmonics
+  // Sections at values of the kinematic phase, not at levels between events; twice as many.
+  bool kinematic = false;
+  std::vector<double> plane;  // its o_p, o_v, s_p, s_v, of the first output and its rate; empty: found
 };
 
-// A section: an output that runs through its chart in one direction passes a level.
+// A section: an output that runs through its chart in one direction passes a level, or the kinematic phase does.
 struct RhythmSection {
   std::string chart;                         // empty where the record names none
   std::string output;                        // what passes
-  double level = 0.0;                        // [unit of the output]
+  double level = 0.0;                        // [unit of the output]; [turn] of the kinematic phase
   int passages = 0;                          // located
   double phase = 0.0;                        // [turn] of the cycle, its mean
   std::vector<double> mean, scatter, noise;  // (coordinates) of the passages; what locating them adds
@@ -51,6 +58,8 @@ struct Rhythm {
   std::vector<std::string> charts;                               // of a cycle, in order
   std::vector<std::pair<std::string, std::string>> coordinates;  // name and unit, of every section
   std::vector<RhythmSection> sections;
+  std::string plane;                          // whose angle is the phase, where it is kinematic
+  int turns_refused = 0;                      // cycles in which that phase does not go round in one direction
   int directions = 0;                         // in which the passages scatter beyond what locating them adds
   std::vector<RhythmMultiplier> multipliers;  // of a cycle, by falling modulus; one a direction
   double disagreement = 0.0;                  // [-] of the sections about the largest multiplier, root mean square
@@ -60,7 +69,8 @@ struct Rhythm {
   std::vector<std::string> notes;
 };
 
-// Throws RecordError where the record has too little of a rhythm.
-Rhythm identify_rhythm(const Record& record, const RhythmOptions& options = {});
+// Throws RecordError where the record has too little of a rhythm. `layout`: what it was laid out into, for whoever goes
+// on from there; it refers to the record.
+Rhythm identify_rhythm(const Record& record, const RhythmOptions& options = {}, rhythm::Layout* layout = nullptr);
 
 }  // namespace saltus

@@ -22,15 +22,6 @@ VectorXd weights_of(const Pairs& p, const VectorXd& weight) {
   return own;
 }
 
-// y = T x in the frames' first directions, by the instrument: T = (y' z)(x' z)^-1, which noise in x does not bias.
-MatrixXd map_of(const Pairs& p, const Frame& here, const Frame& there, Index n, const VectorXd& weight) {
-  const MatrixXd x = centred(p.x, weight) * here.in.topRows(n).transpose();
-  const MatrixXd y = centred(p.y, weight) * there.in.topRows(n).transpose();
-  const MatrixXd z = weight.asDiagonal() * (centred(p.z, weight) * here.seen.topRows(n).transpose());
-  const MatrixXd xz = x.transpose() * z;
-  return (y.transpose() * z) * xz.fullPivLu().inverse();
-}
-
 }  // namespace
 
 Pairs pairs_of(const Passages& w, int section, int ahead) {
@@ -87,14 +78,104 @@ Frame frame_of(const Pairs& p, const VectorXd& noise_x, const VectorXd& noise_z)
   return f;
 }
 
+// T = (y' z)(x' z)^-1, which noise in x does not bias.
+MatrixXd map_of(const Pairs& p, const Frame& here, const Frame& there, Index n, const VectorXd& weight_of_stays) {
+  const VectorXd weight = weights_of(p, weight_of_stays);
+  const MatrixXd x = centred(p.x, weight) * here.in.topRows(n).transpose();
+  const MatrixXd y = centred(p.y, weight) * there.in.topRows(n).transpose();
+  const MatrixXd z = weight.asDiagonal() * (centred(p.z, weight) * here.seen.topRows(n).transpose());
+  const MatrixXd xz = x.transpose() * z;
+  return (y.transpose() * z) * xz.fullPivLu().inverse();
+}
+
 std::vector<Complex> multipliers_of(const std::vector<Pairs>& steps, const std::vector<Frame>& frames, int directions,
                                     const VectorXd& weight) {
   MatrixXd cycle = MatrixXd::Identity(directions, directions);
   for (std::size_t c = 0; c < steps.size(); ++c) {
     const Frame& there = frames[(c + 1) % frames.size()];
-    cycle = (map_of(steps[c], frames[c], there, directions, weights_of(steps[c], weight)) * cycle).eval();
+    cycle = (map_of(steps[c], frames[c], there, directions, weight) * cycle).eval();
   }
   return cycle.allFinite() ? eigenvalues(cycle) : std::vector<Complex>{};
+}
+
+std::vector<Complex> in_order(std::vector<Complex> values, const std::vector<Complex>& like) {
+  std::vector<Complex> r;
+  for (const Complex& z : like) {
+    const auto nearest = std::min_element(values.begin(), values.end(), [&](const Complex& a, const Complex& b) {
+      return std::abs(a - z) < std::abs(b - z);
+    });
+    r.push_back(*nearest);
+    values.erase(nearest);
+  }
+  return r;
+}
+
+std::vector<Complex> multipliers_of_all(const std::vector<std::vector<Pairs>>& steps,
+                                        const std::vector<std::vector<Frame>>& frames, int directions,
+                                        const VectorXd& weight) {
+  const double share = 1.0 / static_cast<double>(steps.size());
+  std::vector<Complex> first, mean(static_cast<std::size_t>(directions), 0.0);
+  VectorXd polynomial = VectorXd::Zero(directions);  // coefficients of 1, z, z^2 ... below the leading one
+  for (std::size_t j = 0; j < steps.size(); ++j) {
+    auto roots = multipliers_of(steps[j], frames[j], directions, weight);
+    if (roots.empty()) return {};
+    if (j == 0) first = roots;
+    roots = in_order(std::move(roots), first);
+    Eigen::VectorXcd c = Eigen::VectorXcd::Zero(directions + 1);
+    c[0] = 1.0;
+    for (std::size_t k = 0; k < roots.size(); ++k) {  // times (z - root)
+      mean[k] += share * roots[k];
+      for (auto i = static_cast<Index>(k) + 1; i > 0; --i) c[i] = c[i - 1] - roots[k] * c[i];
+      c[0] *= -roots[k];
+    }
+    polynomial += share * c.head(directions).real();
+  }
+  const bool paired = std::all_of(mean.begin(), mean.end(), [&](const Complex& z) {
+    return std::any_of(mean.begin(), mean.end(),
+                       [&](const Complex& other) { return std::abs(other - std::conj(z)) < 1e-9; });
+  });
+  if (paired) return mean;
+  MatrixXd companion = MatrixXd::Zero(directions, directions);
+  companion.diagonal(-1).setOnes();
+  companion.col(directions - 1) = -polynomial;
+  return eigenvalues(companion);
+}
+
+std::vector<double> spread_of(const std::vector<std::vector<Pairs>>& steps,
+                              const std::vector<std::vector<Frame>>& frames, const std::vector<Complex>& multipliers,
+                              const VectorXd& weight) {
+  std::vector<double> r(multipliers.size(), 0.0);
+  for (std::size_t j = 0; j < steps.size(); ++j) {
+    const auto own = in_order(multipliers_of(steps[j], frames[j], static_cast<int>(r.size()), weight), multipliers);
+    for (std::size_t i = 0; i < r.size(); ++i) r[i] += std::norm(own[i] - multipliers[i]);
+  }
+  for (double& x : r) x = std::sqrt(x / static_cast<double>(steps.size()));
+  return r;
+}
+
+VectorXd drawn(std::size_t n, Random& random) {
+  VectorXd w = VectorXd::Zero(static_cast<Index>(n));
+  for (std::size_t i = 0; i < n; ++i)
+    w[std::min(static_cast<Index>(n) - 1, static_cast<Index>(random.uniform() * static_cast<double>(n)))] += 1.0;
+  return w;
+}
+
+double sigma_of(const std::vector<double>& squares, bool complex) {
+  return std::sqrt(median(squares) / (complex ? std::numbers::ln2 : 0.455));
+}
+
+std::vector<Pairs> steps_of(const Passages& w, int j) {
+  std::vector<Pairs> r;
+  for (std::size_t c = 0; c < w.order.size(); ++c)
+    r.push_back(pairs_of(w, static_cast<int>(c) * w.per_chart + j, w.per_chart));
+  return r;
+}
+
+std::vector<Frame> frames_at(const Layout& layout, int j) {
+  std::vector<Frame> r;
+  for (std::size_t c = 0; c < layout.passages.order.size(); ++c)
+    r.push_back(layout.frames[c * static_cast<std::size_t>(layout.passages.per_chart) + static_cast<std::size_t>(j)]);
+  return r;
 }
 
 Chain chain_of(const std::vector<Pairs>& pairs, const std::vector<Frame>& frames, int directions,

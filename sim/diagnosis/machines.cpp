@@ -14,4 +14,11 @@ std::unique_ptr<Machine> make_machine(const std::string& model) {
   return nullptr;
 }
 
+std::unique_ptr<Machine> make_walker(const std::string& model) {
+  if (model == "compass_gait") return compass_gait_walker();
+  if (model == "compass_gait_robot") return compass_gait_robot_walker();
+  auto machine = make_machine(model);
+  return machine != nullptr && machine->has_clock ? nullptr : std::move(machine);
+}
+
 }  // namespace saltus::diagnosis

@@ -22,33 +22,6 @@ std::string lower_case(std::string s) {
   return s;
 }
 
-// The machine's chart for every chart of the record.
-std::vector<int> charts_of(const Record& record, const Machine& machine) {
-  std::vector<int> r;
-  if (machine.in_steps && machine.charts.size() == 1 && record.cycle.empty()) {
-    throw RecordError(record.name,
-                      "it has no column 'cycle', and nothing else says where a step of " + machine.name + " ends",
-                      "count the steps, from impact to impact, in a column 'cycle'");
-  }
-  if (machine.charts.size() == 1) return std::vector<int>(record.chart_names.size(), 0);
-  if (record.chart.empty()) {
-    throw RecordError(record.name, "it has no column 'chart', and the model has several charts",
-                      "say in every row which leg stands");
-  }
-  std::string known;
-  for (const std::string& c : machine.charts) known += (known.empty() ? "" : ", ") + lower_case(c);
-  for (const std::string& name : record.chart_names) {
-    const auto it = std::find_if(machine.charts.begin(), machine.charts.end(),
-                                 [&](const std::string& c) { return lower_case(c) == lower_case(name); });
-    if (it == machine.charts.end()) {
-      throw RecordError(record.name, "the model has no chart '" + name + "' (it has " + known + ")",
-                        "name the charts as the model does");
-    }
-    r.push_back(static_cast<int>(it - machine.charts.begin()));
-  }
-  return r;
-}
-
 // Rows in which the same chart is lived, without a gap in time.
 struct Piece {
   std::size_t first = 0, rows = 0;
@@ -125,6 +98,32 @@ std::vector<double> unwrapped(const std::vector<double>& v, const std::vector<in
 }
 
 }  // namespace
+
+std::vector<int> charts_of(const Record& record, const Machine& machine) {
+  std::vector<int> r;
+  if (machine.in_steps && machine.charts.size() == 1 && record.cycle.empty()) {
+    throw RecordError(record.name,
+                      "it has no column 'cycle', and nothing else says where a step of " + machine.name + " ends",
+                      "count the steps, from impact to impact, in a column 'cycle'");
+  }
+  if (machine.charts.size() == 1) return std::vector<int>(record.chart_names.size(), 0);
+  if (record.chart.empty()) {
+    throw RecordError(record.name, "it has no column 'chart', and the model has several charts",
+                      "say in every row which leg stands");
+  }
+  std::string known;
+  for (const std::string& c : machine.charts) known += (known.empty() ? "" : ", ") + lower_case(c);
+  for (const std::string& name : record.chart_names) {
+    const auto it = std::find_if(machine.charts.begin(), machine.charts.end(),
+                                 [&](const std::string& c) { return lower_case(c) == lower_case(name); });
+    if (it == machine.charts.end()) {
+      throw RecordError(record.name, "the model has no chart '" + name + "' (it has " + known + ")",
+                        "name the charts as the model does");
+    }
+    r.push_back(static_cast<int>(it - machine.charts.begin()));
+  }
+  return r;
+}
 
 Stretches cut_into_stretches(const Record& record, const Machine& machine, const Cut& cut) {
   Stretches s;

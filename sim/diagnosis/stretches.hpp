@@ -32,6 +32,9 @@ struct Stretches {
   std::size_t ringing = 0;     // rows left out around changes of chart
 };
 
+// The machine's chart for every chart of the record, or RecordError saying which it does not have.
+std::vector<int> charts_of(const Record& record, const Machine& machine);
+
 // Throws RecordError saying what to mend.
 Stretches cut_into_stretches(const Record& record, const Machine& machine, const Cut& cut);
 

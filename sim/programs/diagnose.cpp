@@ -2,14 +2,13 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <filesystem>
-#include <fstream>
 
 #include "../diagnosis/json.hpp"
 #include "../report/diagnosis_page.hpp"
 #include "../report/self_paced_section.hpp"
 #include "any_record.hpp"
 #include "calibrate.hpp"
+#include "declared.hpp"
 #include "hal/record.hpp"
 #include "program.hpp"
 
@@ -22,56 +21,6 @@ struct Arguments {
   double holdout = -1.0, stretch = 0.0, horizon = 0.0;
   std::uint64_t seed = 1;
 };
-
-// What a verdict file says was found on another machine: the effects, and the parameters beside them where `own` knows
-// them by the same name.
-std::vector<Setting> carried(const std::string& path, const diagnosis::Machine& own) {
-  std::ifstream in(path);
-  nlohmann::json j;
-  try {
-    j = nlohmann::json::parse(in);
-  } catch (const nlohmann::json::exception& e) {
-    throw RunError(path + ": it is no verdict: " + e.what() + "; give the file that saltus diagnose --json wrote");
-  }
-  const auto here = [&](const std::string& name) {
-    return std::any_of(own.coefficients.begin(), own.coefficients.end(), [&](const auto& c) { return c.name == name; });
-  };
-  std::vector<Setting> r;
-  if (!j.is_object() || !j.contains("effects") || !j["effects"].is_array()) {
-    throw RunError(path + ": it has no list of effects; give the file that saltus diagnose --json wrote");
-  }
-  std::string missing;
-  for (const auto& e : j["effects"]) {
-    const auto name = e.value("name", std::string());
-    if (here(name) && e.contains("value") && e["value"].is_number()) {
-      r.push_back({name, e["value"].get<double>()});
-    } else {
-      missing += (missing.empty() ? "" : ", ") + name;
-    }
-  }
-  if (j.contains("parameters") && j["parameters"].is_array()) {
-    for (const auto& p : j["parameters"]) {
-      const auto name = p.value("name", std::string());
-      if (here(name) && p.contains("with_effect") && p["with_effect"].is_number())
-        r.push_back({name, p["with_effect"].get<double>()});
-    }
-  }
-  if (r.empty())
-    throw RunError(path + ": nothing in it fits " + own.name +
-                   (missing.empty() ? "" : " (it speaks of " + missing + ")"));
-  return r;
-}
-
-double declared_value(const diagnosis::Machine& m, const std::string& name, const std::string& option) {
-  std::string names;
-  for (std::size_t i = 0; i < m.coefficients.size(); ++i) {
-    const auto& c = m.coefficients[i];
-    if (c.name == name && (!c.candidate || !m.has_clock)) return c.nominal;
-    if (c.candidate || i >= m.declared) continue;
-    names += (names.empty() ? "" : ", ") + c.name;
-  }
-  throw UsageError(option + ": " + m.name + " has no parameter '" + name + "'; it has " + names);
-}
 
 // The free runs of the first output, measured, refitted and with what was found.
 void write_picture(const std::string& path, const diagnosis::Diagnosis& d) {
@@ -99,19 +48,7 @@ void run(const Arguments& a) {
                    record.model + ", or correct its header");
   }
   diagnosis::Options options;
-  for (const std::string& text : a.settings) {
-    if (text.find('=') == std::string::npos && std::filesystem::exists(text)) {
-      for (const Setting& s : carried(text, *machine)) {
-        options.set.emplace_back(s.name, s.value);
-        if (a.json != "-" && a.picture != "-")
-          std::printf("From %s: %s = %.6g\n", text.c_str(), s.name.c_str(), s.value);
-      }
-      continue;
-    }
-    const Setting s = parse_setting(text, "--set");
-    declared_value(*machine, s.name, "--set " + text);
-    options.set.emplace_back(s.name, s.value);
-  }
+  options.set = declared(a.settings, *machine, a.json != "-" && a.picture != "-");
   for (const std::string& text : a.tolerances) {
     const bool percent = !text.empty() && text.back() == '%';
     const Setting s = parse_setting(percent ? text.substr(0, text.size() - 1) : text, "--tolerance");

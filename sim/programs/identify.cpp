@@ -222,7 +222,7 @@ void run_rig(const M& m, const IdentifyOptions& o, bool quiet) {
 }
 
 // With --record the machine has been driven already: what would drive it does not apply.
-void check_record_options(const CLI::App& command, bool any) {
+void check_record_options(const CLI::App& command, bool any, bool self_paced) {
   for (const char* option :
        {"--link",         "--log",         "--rate", "--protocol", "--sections",       "--kinematic", "--period",
         "--band",         "--amplitude",   "--seed", "--subsets",  "--tones",          "--odd",       "--detection",
@@ -231,6 +231,7 @@ void check_record_options(const CLI::App& command, bool any) {
         "--watch",        "--false-alarm", "--save"}) {
     if (command.count(option) == 0) continue;
     if (any && (option == std::string_view("--period") || option == std::string_view("--band"))) continue;
+    if (self_paced && (option == std::string_view("--sections") || option == std::string_view("--kinematic"))) continue;
     throw UsageError(std::string(option) + ": it says how to drive a machine, and --record reads what was driven; " +
                      "leave out one of the two");
   }
@@ -259,14 +260,17 @@ void run(const IdentifyOptions& given, const CLI::App& command) {
   } else if (untouched("--subsets")) {
     o.plan.opposed = true;
   }
-  if (!o.record.empty()) check_record_options(command, o.any);
+  if (!o.record.empty()) check_record_options(command, o.any, true);
   if (!o.record.empty() && !is_event_log(o.record)) {
     const Record record = read_record(std::filesystem::path(o.record));
     if (!record.clock_paced() && record.sections != "clock") {
+      if (!untouched("--sections") && o.sections.family == "clock")
+        throw UsageError("--sections clock: no clock paces " + o.record + "; use kinematic, both, or leave it out");
       identify_rhythm(o, record);
       return;
     }
   }
+  if (!o.record.empty()) check_record_options(command, o.any, false);
   const bool quiet = check_outputs({{"--csv", o.csv}, {"--json", o.json}, {"--save", o.save}});
   if (o.csv == "-" && o.sections.family == "both") {
     throw UsageError("--csv -: there is one table for each family of sections; name a file, or choose --sections");
@@ -367,8 +371,10 @@ void add_identify(CLI::App& app) {
       "          saltus identify hopper --noise 0.001,0.006 --save run.csv\n"
       "          saltus identify hopper --record run.csv --csv htf.csv\n"
       "          saltus identify hopper --link udpm:// --log run.lcm\n"
-      "          saltus identify compass_gait_robot --record walk.csv   (no clock paces it: sections at its own "
-      "events)");
+      "          saltus identify compass_gait_robot --record walk.csv --set bench.json\n"
+      "No clock paces the last: sections lie between its own events, or where its kinematic phase passes a value "
+      "(--sections kinematic or both; --kinematic is of the first output and its rate). The model runs under the "
+      "recorded input from section to section; --set takes its effects, too, or what saltus diagnose --json found.");
   auto o = std::make_shared<IdentifyOptions>();
   o->model.add_to(*command);
   command->add_option("--record", o->record, "read a measured record instead of driving a machine")->type_name("FILE");

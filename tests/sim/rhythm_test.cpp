@@ -1,12 +1,12 @@
 // The rhythm of machines that pace themselves, from records with a known truth and from a real one.
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 
-#include "core/flow/advance.hpp"
 #include "core/random.hpp"
-#include "sim/models/compass_gait.hpp"
 #include "sim/rhythm.hpp"
 #include "tests/support/catch.hpp"
+#include "tests/support/walks.hpp"
 
 using namespace saltus;
 
@@ -83,6 +83,72 @@ TEST_CASE("the multiplier of a machine whose deviations decay lies in its interv
   CAPTURE(inside, mean, truth_of(arm));
   CHECK(inside >= 34);
   CHECK(std::abs(mean - truth_of(arm)) < 0.02);
+}
+
+namespace {
+
+// A swing that turns at one pace and whose size decays to 1: p = size cos(angle), and `loop` times a third harmonic.
+// Nothing marks a cycle.
+Record swings_of(double decay, double noise, double loop, std::uint64_t seed) {
+  Random random(seed);
+  Record r;
+  r.name = "swing";
+  r.outputs = {{"p", "m", {}}};
+  for (int e = 0; e < 12; ++e) {
+    const double off = 0.1 * random.normal(), begin = 2.0 * std::numbers::pi * random.uniform();
+    for (int n = 0; n < 1300; ++n) {
+      const double t = n * dt, angle = begin - 2.0 * std::numbers::pi * t;
+      r.experiment.push_back(e);
+      r.t.push_back(t);
+      r.outputs[0].values.push_back((1.0 + off * std::exp(-decay * t)) *
+                                        (std::cos(angle) + loop * std::sin(3.0 * angle)) +
+                                    noise * random.normal());
+    }
+  }
+  return r;
+}
+
+}  // namespace
+
+TEST_CASE("without events the kinematic phase tells the multiplier, its interval as often right as it says",
+          "[rhythm][kinematic]") {
+  constexpr double decay = 0.5;  // [1/s] of turns of 1 s
+  RhythmOptions o;
+  o.kinematic = true;
+  o.replicates = 100;
+  int inside = 0;
+  double mean = 0.0;
+  constexpr int seeds = 16;
+  for (int seed = 1; seed <= seeds; ++seed) {
+    const Rhythm r = identify_rhythm(swings_of(decay, 2e-3, 0.0, static_cast<std::uint64_t>(seed)), o);
+    REQUIRE(r.multipliers.size() == 1);
+    CHECK(r.sections.size() == 8);
+    CHECK(r.turns_refused == 0);
+    CHECK(std::abs(r.period - 1.0) < 1e-3);
+    inside += std::abs(r.multipliers[0].value.real() - std::exp(-decay)) < 1.96 * r.multipliers[0].sigma;
+    mean += r.multipliers[0].value.real() / seeds;
+  }
+  CAPTURE(inside, mean);
+  CHECK(inside >= 14);
+  CHECK(std::abs(mean - std::exp(-decay)) < 0.01);
+}
+
+TEST_CASE("a phase that falls back within its turn, or jumps at every event, is refused and the reason is given",
+          "[rhythm][kinematic]") {
+  RhythmOptions o;
+  o.kinematic = true;
+  const auto refusal = [&](const Record& r) -> std::string {
+    try {
+      identify_rhythm(r, o);
+    } catch (const RecordError& e) {
+      return e.what();
+    }
+    return "none";
+  };
+  CHECK(refusal(swings_of(0.5, 1e-3, 0.4, 1)).find("of p it falls back in") != std::string::npos);
+  Arm arm;  // turns through a chart, and begins again
+  arm.sway = 0.01;
+  CHECK(refusal(record_of(arm, 12, 8, 1)).find("no output has a phase that goes round") != std::string::npos);
 }
 
 TEST_CASE("where the input excites the machine its harmonic transfer functions are those between its sections",
@@ -163,48 +229,70 @@ TEST_CASE("an input that the state tells is refused, and so is none", "[rhythm]"
 }
 
 TEST_CASE("a walker let go near its gait: the multipliers are those of its limit cycle", "[rhythm]") {
-  const CompassGait<> m;
-  Random random(5);
-  Record r;
-  r.name = "walker";
-  r.model = "compass_gait";
-  r.chart_names = {"Swing"};
-  for (const Quantity& q : CompassGait<>::outputs) r.outputs.push_back({std::string(q.name), std::string(q.unit), {}});
-  const double sigma[4] = {1e-6, 1e-6, 1e-5, 1e-5};
-  const Timebase base{2.0, 400};
-  for (int e = 0; e < 24; ++e) {
-    Run<CompassGait<>> run;
-    run.at = start_of(m);
-    int step_count = 1;
-    std::int64_t events = 0;
-    for (int n = 0; n < 3200; ++n) step(m, run, Vec<0>{}, base);
-    while (step(m, run, Vec<0>{}, base).events == 0) continue;
-    for (int i = 0; i < 4; ++i) run.at.x[i] *= 1.0 + 3e-4 * random.normal();  // little: its basin is small
-    for (int n = 0; n < 1400 && step_count < 9; ++n) {
-      const auto y = m.output(CompassGait<>::Swing{}, Vec<4>(run.at.x.head<4>()), Vec<0>{});
-      r.experiment.push_back(e);
-      r.cycle.push_back(step_count);
-      r.chart.push_back(0);
-      r.t.push_back(n * 0.005);
-      for (int o = 0; o < 4; ++o)
-        r.outputs[static_cast<std::size_t>(o)].values.push_back(y[o] + sigma[o] * random.normal());
-      const auto s = step(m, run, Vec<0>{}, base);
-      REQUIRE(usable(s.status));
-      if (s.events > 0) ++step_count;
-      events += s.events;
-    }
-    CHECK(events >= 8);
-  }
-  const Rhythm found = identify_rhythm(r);
+  const Rhythm found = identify_rhythm(test::walks_of(CompassGait<>{}, {}));
   REQUIRE(found.multipliers.size() == 3);
-  const Complex truth[3] = {{-0.199726126830, 0.544476062095}, {-0.199726126830, -0.544476062095}, 0.131572624077};
   for (std::size_t i = 0; i < 3; ++i) {
     CAPTURE(found.multipliers[i].value, found.multipliers[i].sigma);
     CHECK(found.multipliers[i].sigma < 0.03);
-    CHECK(std::abs(found.multipliers[i].value - truth[i]) < 3.0 * found.multipliers[i].sigma);
+    CHECK(std::abs(found.multipliers[i].value - test::compass_gait_multipliers[i]) < 3.0 * found.multipliers[i].sigma);
   }
   CHECK(found.htf.empty());
   CHECK(found.refusal.find("no input") != std::string::npos);
+}
+
+TEST_CASE("a walker of two legs: sections at its events and by its kinematic phase tell the same multipliers",
+          "[rhythm][kinematic]") {
+  test::Walks w;
+  w.two_legs = true;
+  w.experiments = 30;
+  w.dt = 0.002;  // so that a parabola about a passage misses the third direction by less than that scatters
+  w.sigma = 1e-7;
+  const Record record = test::walks_of(CompassGait<>{}, w);
+  const Rhythm events = identify_rhythm(record);
+  RhythmOptions o;
+  o.kinematic = true;
+  const Rhythm turns = identify_rhythm(record, o);
+  CAPTURE(turns.plane, turns.turns_refused);
+  CHECK(turns.plane.find("hip about") == 0);  // the stance angle jumps at every event
+  CHECK(turns.turns_refused == 0);
+  CHECK(turns.sections.size() == 6);                                     // two more lie about the events
+  CHECK(std::abs(turns.period - events.period) < 1e-3 * events.period);  // two steps, and one turn
+  const Complex a = test::compass_gait_multipliers[0], b = test::compass_gait_multipliers[2];
+  const Complex truth[3] = {a * a, std::conj(a * a), b * b};
+  for (const Rhythm* r : {&events, &turns}) {
+    REQUIRE(r->multipliers.size() == 3);
+    for (const Complex& z : truth) {
+      const auto nearest =
+          std::min_element(r->multipliers.begin(), r->multipliers.end(),
+                           [&](const auto& x, const auto& y) { return std::abs(x.value - z) < std::abs(y.value - z); });
+      CAPTURE(r->plane, nearest->value, nearest->sigma, z);
+      CHECK(nearest->sigma < 0.02);
+      CHECK(std::abs(nearest->value - z) < 3.0 * nearest->sigma + 0.003);  // the map is not quite linear
+    }
+  }
+}
+
+TEST_CASE("where one direction of three is not told the errors of the others hold what that costs",
+          "[rhythm][kinematic]") {
+  test::Walks w;
+  w.two_legs = true;
+  const Complex a = test::compass_gait_multipliers[0];
+  for (const bool kinematic : {false, true}) {
+    for (const std::uint64_t seed : {1u, 2u}) {
+      w.seed = seed;
+      RhythmOptions o;
+      o.replicates = 100;
+      o.kinematic = kinematic;
+      const Rhythm r = identify_rhythm(test::walks_of(CompassGait<>{}, w), o);
+      CHECK(r.directions == 2);
+      REQUIRE(r.multipliers.size() == 2);
+      for (const RhythmMultiplier& m : r.multipliers) {
+        CAPTURE(kinematic, seed, m.value, m.sigma);
+        CHECK(std::min(std::abs(m.value - a * a), std::abs(m.value - std::conj(a * a))) < 2.5 * m.sigma);
+        CHECK(m.sigma < 0.2);
+      }
+    }
+  }
 }
 
 TEST_CASE("the walking robot: seven walks tell how its gait attracts, and that its motor only follows its state",
