@@ -67,8 +67,11 @@ template <int Ny, class Machine, class Estimator, class OnSample>
 Status play_experiment(Machine& machine, std::int32_t experiment, std::span<const double> stimulus,
                        std::int64_t samples, std::int64_t settle, Estimator& estimator, OnSample&& on_sample,
                        Outcome& outcome) noexcept {
-  const auto u = [&](std::int64_t n) {
-    return std::array{stimulus[static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size()))]};
+  std::size_t ahead = 0;  // in the stimulus, of what is to be given next
+  const auto next = [&](std::size_t& at) {
+    const double u = stimulus[at];
+    if (++at == stimulus.size()) at = 0;
+    return std::array{u};
   };
   Measurement<Ny> y;
   outcome = machine.start(experiment, y);
@@ -76,15 +79,16 @@ Status play_experiment(Machine& machine, std::int32_t experiment, std::span<cons
   std::int64_t lead = 0;
   if constexpr (requires { machine.lead(); }) {
     lead = machine.lead();
-    for (std::int64_t n = 0; n < lead; ++n) machine.give(n, u(n));
+    for (std::int64_t n = 0; n < lead; ++n) machine.give(n, next(ahead));
   }
+  std::size_t now = 0;
   Status worst = Status::ok;
   for (std::int64_t n = 0; n < samples; ++n) {
     worst = worse(worst, y.status);
     if (!usable(y.status)) return y.status;
     if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
-    on_sample(n, u(n)[0], y.y);
-    outcome = machine.exchange(n + lead, u(n + lead), y);
+    on_sample(n, next(now)[0], y.y);
+    outcome = machine.exchange(n + lead, next(ahead), y);
     if (outcome != Outcome::answered) return Status::failed;
   }
   return worst;

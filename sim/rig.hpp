@@ -94,12 +94,22 @@ class Rig {
   // No stimulus any more: an emulated machine then stands still.
   Reply rest() noexcept { return reply(-1, Status::ok); }
 
- private:
-  Reply reply(std::int64_t seq, Status status) noexcept {
+  // What its sensors make of outputs y.
+  Reply measure(std::int64_t seq, Status status, const Output<M>& y) noexcept {
     Reply r;
     r.seq = seq;
     r.tick = static_cast<std::int64_t>(met_);
     r.status = status;
+    for (int i = 0; i < output_count<M>; ++i) {
+      const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
+      r.y[static_cast<std::size_t>(i)] =
+          quantum_[i] > 0.0 ? quantum_[i] * std::nearbyint(measured / quantum_[i]) : measured;
+    }
+    return r;
+  }
+
+ private:
+  Reply reply(std::int64_t seq, Status status) noexcept {
     Point<M> at = run_.at;
     if (jitter_ > 0.0) {
       const double off = jitter_ * random_.normal();
@@ -110,13 +120,7 @@ class Rig {
         at.set(c, rk4<n, double>(f, x, f(x), off));
       });
     }
-    const Output<M> y = output_at(model_, at, Input<M>(Input<M>::Zero()));
-    for (int i = 0; i < output_count<M>; ++i) {
-      const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
-      r.y[static_cast<std::size_t>(i)] =
-          quantum_[i] > 0.0 ? quantum_[i] * std::nearbyint(measured / quantum_[i]) : measured;
-    }
-    return r;
+    return measure(seq, status, output_at(model_, at, Input<M>(Input<M>::Zero())));
   }
 
   M model_;
