@@ -13,6 +13,10 @@
 #include <limits>
 #include <utility>
 
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
 #include "scalar.hpp"
 
 namespace saltus {
@@ -51,6 +55,15 @@ template <class F, class R, class... A, int... I>
 [[gnu::always_inline]] inline void each(std::integer_sequence<int, I...>, const F& f, R& r, const A&... a) noexcept {
   (one<I>(f, r, a...), ...);
 }
+// f(f(first, second), third) ... of the registers.
+template <int I = 1, class F, class R>
+[[gnu::always_inline]] inline typename R::Wide fold(const F& f, const R& r, const typename R::Wide& so_far) noexcept {
+  if constexpr (I == R::count) {
+    return so_far;
+  } else {
+    return fold<I + 1>(f, r, f(so_far, r.part[I]));
+  }
+}
 template <class R, class F, class... A>
 [[gnu::always_inline]] inline R map(const F& f, const A&... a) noexcept {
   R r;
@@ -70,9 +83,23 @@ struct Mask : lane_wise::Registers<std::int64_t, W> {
     for (int i = 0; i < W; ++i) r.set(i, -static_cast<std::int64_t>(bits >> i & 1));
     return r;
   }
-  unsigned bits() const noexcept {
+  [[gnu::always_inline]] unsigned bits() const noexcept {
     unsigned r = 0;
-    for (int i = 0; i < W; ++i) r |= static_cast<unsigned>((*this)[i] & 1) << i;
+    for (int i = 0; i < Mask::count; ++i) r |= of_register(this->part[i]) << (i * Mask::width);
+    return r;
+  }
+  [[gnu::always_inline]] static unsigned of_register(const Wide& m) noexcept {
+#if defined(__AVX512F__)
+    if constexpr (Mask::width == 8) return _mm512_cmplt_epi64_mask((__m512i)m, _mm512_setzero_si512());
+#endif
+#if defined(__AVX__)
+    if constexpr (Mask::width == 4) return static_cast<unsigned>(_mm256_movemask_pd((__m256d)m));
+#endif
+#if defined(__SSE2__)
+    if constexpr (Mask::width == 2) return static_cast<unsigned>(_mm_movemask_pd((__m128d)m));
+#endif
+    unsigned r = 0;
+    for (int i = 0; i < Mask::width; ++i) r |= static_cast<unsigned>(m[i] & 1) << i;
     return r;
   }
 
@@ -92,15 +119,14 @@ struct Mask : lane_wise::Registers<std::int64_t, W> {
 
 template <int W>
 [[gnu::always_inline]] inline bool any(const Mask<W>& m) noexcept {
-  typename Mask<W>::Wide some = m.part[0];
-  for (int i = 1; i < Mask<W>::count; ++i) some |= m.part[i];
-  std::int64_t r = some[0];
-  for (int i = 1; i < Mask<W>::width; ++i) r |= some[i];
-  return r != 0;
+  using Wide = typename Mask<W>::Wide;
+  return Mask<W>::of_register(lane_wise::fold([](const Wide& a, const Wide& b) { return a | b; }, m, m.part[0])) != 0;
 }
 template <int W>
 [[gnu::always_inline]] inline bool all(const Mask<W>& m) noexcept {
-  return !any(~m);
+  using Wide = typename Mask<W>::Wide;
+  return Mask<W>::of_register(lane_wise::fold([](const Wide& a, const Wide& b) { return a & b; }, m, m.part[0])) ==
+         (1u << Mask<W>::width) - 1;
 }
 
 template <int W>
@@ -187,10 +213,11 @@ template <int W, class F, class... A>
   return r;
 }
 
-// Whether every lane has the bits of the first: a clock that all share.
+// Whether every lane has the bits of the first: a clock that all share. Zeros are not asked for their signs.
 template <int W>
 [[gnu::always_inline]] inline bool alike(const Lanes<W>& x) noexcept {
-  return !any(x.bits() ^ Lanes<W>(x[0]).bits());
+  const double first = x.part[0][0];
+  return all(x == Lanes<W>(first)) && first != 0.0;
 }
 
 // Sine and cosine of angles that are not too far, or nothing.

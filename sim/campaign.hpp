@@ -257,7 +257,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     }
     bool near = true;
     const auto on_sample = [&](std::int64_t n, double input, const auto& y) {
-      const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
+      const auto& cycle = baseline[static_cast<std::size_t>(wrap(n, plan.options.sections))];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
       if (at.watch) {
         if (n == 0) at.watch->begin();
@@ -305,9 +305,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
         perform(at, e, lane, played[e], [&](auto& rig, const auto& on_sample) {
           if constexpr (fit_lanes<M, Family, Play>) {
             if (lanes) {
-              LaneReplay machine(rig, at.replies, static_cast<int>(lane));
-              Outcome outcome = Outcome::answered;
-              return play_experiment<ny>(machine, 0, stimulus, samples, settling, *at.estimator, on_sample, outcome);
+              return replay_lane(rig, at.replies, static_cast<int>(lane), stimulus, settling, *at.estimator, on_sample);
             }
           }
           return play(static_cast<std::int32_t>(e), rig, stimulus, std::span<const Complex>(at.u), samples, settling,

@@ -52,36 +52,25 @@ void play_in_lanes(const M& m, const Timebase& base, const Family& family, const
   }
 }
 
-// One of them, as a machine for play_experiment; its rig is the sensors.
-template <class R, class M, int W>
-class LaneReplay {
- public:
-  LaneReplay(R& rig, const LaneReplies<M, W>& replies, int lane) noexcept
-      : rig_(&rig), replies_(&replies), lane_(lane) {}
-
-  Outcome start(std::int32_t, typename R::Reply& y) noexcept {
-    next_ = 0;
-    y = reply(-1);
-    return Outcome::answered;
-  }
-  Outcome exchange(std::int64_t tick, const decltype(R::Command::u)&, typename R::Reply& y) noexcept {
-    if (next_ < replies_->y.size()) y = reply(tick);  // after the last sample nobody asks
-    return Outcome::answered;
-  }
-
- private:
-  typename R::Reply reply(std::int64_t seq) noexcept {
+// What play_experiment does with one of them: the rig lends its sensors.
+template <class R, class M, int W, class Estimator, class OnSample>
+Status replay_lane(R& rig, const LaneReplies<M, W>& replies, int lane, std::span<const double> stimulus,
+                   std::int64_t settle, Estimator& estimator, OnSample&& on_sample) noexcept {
+  Status worst = Status::ok;
+  std::size_t at = 0;  // in the stimulus
+  for (std::size_t n = 0; n < replies.y.size(); ++n) {
+    const Status status = replies.status[n][static_cast<std::size_t>(lane)];
+    worst = worse(worst, status);
+    if (!usable(status)) return status;
     Output<M> y;
-    for (int i = 0; i < output_count<M>; ++i) y[i] = replies_->y[next_][i][lane_];
-    const Status status = replies_->status[next_][static_cast<std::size_t>(lane_)];
-    ++next_;
-    return rig_->measure(seq, status, y);
+    for (int i = 0; i < output_count<M>; ++i) y[i] = replies.y[n][i][lane];
+    const auto measured = rig.measure(y);
+    const auto sample = static_cast<std::int64_t>(n);
+    if (sample >= settle) worst = worse(worst, estimator.push(sample, measured));
+    on_sample(sample, stimulus[at], measured);
+    if (++at == stimulus.size()) at = 0;
   }
-
-  R* rig_;
-  const LaneReplies<M, W>* replies_;
-  int lane_;
-  std::size_t next_ = 0;  // [sample]
-};
+  return worst;
+}
 
 }  // namespace saltus

@@ -95,14 +95,11 @@ class Rig {
   Reply rest() noexcept { return reply(-1, Status::ok); }
 
   // What its sensors make of outputs y.
-  Reply measure(std::int64_t seq, Status status, const Output<M>& y) noexcept {
-    Reply r;
-    r.seq = seq;
-    r.tick = static_cast<std::int64_t>(met_);
-    r.status = status;
+  decltype(Reply::y) measure(const Output<M>& y) noexcept {
+    decltype(Reply::y) r;
     for (int i = 0; i < output_count<M>; ++i) {
       const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
-      r.y[static_cast<std::size_t>(i)] =
+      r[static_cast<std::size_t>(i)] =
           quantum_[i] > 0.0 ? quantum_[i] * std::nearbyint(measured / quantum_[i]) : measured;
     }
     return r;
@@ -110,6 +107,10 @@ class Rig {
 
  private:
   Reply reply(std::int64_t seq, Status status) noexcept {
+    Reply r;
+    r.seq = seq;
+    r.tick = static_cast<std::int64_t>(met_);
+    r.status = status;
     Point<M> at = run_.at;
     if (jitter_ > 0.0) {
       const double off = jitter_ * random_.normal();
@@ -120,7 +121,8 @@ class Rig {
         at.set(c, rk4<n, double>(f, x, f(x), off));
       });
     }
-    return measure(seq, status, output_at(model_, at, Input<M>(Input<M>::Zero())));
+    r.y = measure(output_at(model_, at, Input<M>(Input<M>::Zero())));
+    return r;
   }
 
   M model_;

@@ -36,16 +36,59 @@ Rebind<M, Lanes<W>> in_lanes(const std::array<M, static_cast<std::size_t>(W)>& m
 }
 
 namespace flow {
-// As Step in crossing.hpp, by order four.
+// f(0), f(1) ... f(N - 1), each inlined: a vector of many lanes is best not copied, nor indexed at run time.
+template <int N, class F>
+[[gnu::always_inline]] inline void each(const F& f) noexcept {
+  [&]<int... I>(std::integer_sequence<int, I...>) { (f(std::integral_constant<int, I>{}), ...); }
+  (std::make_integer_sequence<int, N>{});
+}
+
+// As Step in crossing.hpp, and the rk4 and the Hermite of rk4.hpp.
 template <int N, int W, class F>
 struct LaneStep {
   using S = Lanes<W>;
+  using X = Vec<N, S>;
   const F& f;
-  Hermite<N, S> curve;
-  Vec<N, S> end;
+  S h;            // [s]
   double moment;  // [s]
+  X x0, f0, x1, f1, end;
 
-  Vec<N, S> reintegrated(const S& s) const noexcept { return Rk4::step<N, S>(f, curve.x0, curve.f0, S(s * curve.h)); }
+  // From the first N of the coordinates at x.
+  template <class All>
+  [[gnu::always_inline]] LaneStep(const F& rate, const All& x, const S& length, double whole) noexcept
+      : f(rate), h(length), moment(crossing::moment * whole), x0(first(x)), f0(f(x0)), x1(stepped(h)), f1(f(x1)) {
+    each<N>([&](auto i) { end[i] = x1[i]; });
+  }
+
+  template <class All>
+  [[gnu::always_inline]] static X first(const All& x) noexcept {
+    X r;
+    each<N>([&](auto i) { r[i] = x[i]; });
+    return r;
+  }
+  [[gnu::always_inline]] X reintegrated(const S& s) const noexcept { return stepped(S(s * h)); }
+  [[gnu::always_inline]] X stepped(const S& by) const noexcept {
+    const S half = by * 0.5, sixth = by / 6.0;
+    X x;
+    each<N>([&](auto i) { x[i] = x0[i] + f0[i] * half; });
+    const X k2 = f(x);
+    each<N>([&](auto i) { x[i] = x0[i] + k2[i] * half; });
+    const X k3 = f(x);
+    each<N>([&](auto i) { x[i] = x0[i] + k3[i] * by; });
+    const X k4 = f(x);
+    each<N>([&](auto i) { x[i] = x0[i] + (f0[i] + (k2[i] + k3[i]) * 2.0 + k4[i]) * sixth; });
+    return x;
+  }
+  [[gnu::always_inline]] X curve(const S& s) const noexcept {
+    const S r = 1.0 - s;
+    const S b0 = r * r * (1.0 + 2.0 * s);
+    const S b1 = s * s * (1.0 + 2.0 * r);
+    const S d0 = h * s * r * r;
+    const S d1 = h * s * s * r;
+    X x;
+    each<N>([&](auto i) { x[i] = b0 * x0[i] + b1 * x1[i] + d0 * f0[i] - d1 * f1[i]; });
+    return x;
+  }
 };
 
 // As Ends and Dip there.
@@ -77,7 +120,7 @@ template <int N, int W, class F, class G>
 LaneEnds<W> ends(const LaneStep<N, W, F>& step, const G& guard) noexcept {
   constexpr double sliver = crossing::sliver, per_sliver = 1.0 / sliver;  // a power of two: no rounding
   using S = Lanes<W>;
-  const S g0 = guard(step.curve.x0), g1 = guard(step.end);
+  const S g0 = guard(step.x0), g1 = guard(step.end);
   return {g0, (guard(step.curve(S(sliver))) - g0) * per_sliver, g1,
           (g1 - guard(step.curve(S(1.0 - sliver)))) * per_sliver};
 }
@@ -117,7 +160,7 @@ template <int N, int W, class F, class G>
   Mask<W> doubt = ~finite(abs(e.g0) + abs(e.g1) + abs(e.d0) + abs(e.d1));
   S lo = zero;
   if (const Mask<W> behind = ~(e.g0 > zero); (behind.bits() & asked) != 0) {
-    const S later = step.moment / step.curve.h;
+    const S later = step.moment / step.h;
     doubt = doubt | (behind & ~((later < one) & (on_curve(later) > zero)));
     lo = select(behind, later, zero);
   }
@@ -192,76 +235,60 @@ class LaneRuns {
   using Y = Vec<output_count<M>, S>;
 
   explicit LaneRuns(const Models& models) noexcept : models_(models), model_(in_lanes<W, M>(models)) {
-    for (int lane = 0; lane < W; ++lane) set(lane, Run<M>{});
+    for (int lane = 0; lane < W; ++lane) put(lane, Run<M>{});
   }
 
   void set(int lane, const Run<M>& run) noexcept {
-    const unsigned bit = 1u << lane;
-    run_[at(lane)] = run;
-    for (unsigned& lanes : in_) lanes &= ~bit;
-    apart_ &= ~bit;
-    const bool on_grid = run.into == 0.0 && run.at.chart >= 0 && run.at.chart < M::Charts::size;
-    (on_grid ? in_[at(run.at.chart)] : apart_) |= bit;
-    for (int i = 0; i < max_dim<M>; ++i) x_[i].set(lane, run.at.x[i]);
-    level_ = true;
-    for (const Run<M>& other : run_) level_ = level_ && other.tick == run.tick;
+    write_down();
+    put(lane, run);
   }
   Run<M> run(int lane) const noexcept {
     Run<M> r = run_[at(lane)];
-    for (std::size_t c = 0; c < in_.size(); ++c) {
-      if ((in_[c] >> lane & 1) != 0) r.at.chart = static_cast<int>(c);
-    }
+    add_plain(r);
+    if (const int chart = chart_of(in_, lane); chart >= 0) r.at.chart = chart;
     for (int i = 0; i < max_dim<M>; ++i) r.at.x[i] = x_[i][lane];
     return r;
   }
-  // Of the last tick.
-  Status status(int lane) const noexcept { return status_[at(lane)]; }
-  // Every lane's is ok.
-  bool ok() const noexcept { return all_ok_; }
+  // Of the last tick: that of a run, and whether all are ok.
+  Status status(int lane) const noexcept { return ok_ ? Status::ok : status_[at(lane)]; }
+  bool ok() const noexcept { return ok_; }
 
   // As `step`, for every run.
   void step(const U& u, const Timebase& base) noexcept {
-    Tick t{u, base.dt(), base.sets_clock, S(0.0), x_, S(0.0), in_, {}, apart_};
+    Tick t{u, base.dt(), base.sets_clock, S(0.0), S(0.0), in_, {}, apart_, false};
     if (base.sets_clock) {
-      if (level_) {
-        t.clock = base.phase(run_[0].tick + 1);
-      } else {
-        for (int lane = 0; lane < W; ++lane) t.clock.set(lane, base.phase(run_[at(lane)].tick + 1));
+      t.clock = base.phase(run_[0].tick + plain_ + 1);
+      for (int lane = 1; lane < W && !level_; ++lane) {
+        t.clock.set(lane, base.phase(run_[at(lane)].tick + plain_ + 1));
       }
     }
-    for (int passes = 0; passes < 4 && to_go(t); ++passes) {
-      int c = 0;
-      visit_each(typename M::Charts{}, [&](auto chart) {
-        if (t.at[at(c++)] != 0) leg(chart, t);
-      });
+    bool plain = false;
+    int c = 0;
+    visit_each(typename M::Charts{}, [&](auto chart) {
+      if (in_[at(c++)] == every) plain = leg(chart, t);
+    });
+    ok_ = true;
+    if (plain) {
+      ++plain_;
+    } else {
+      finish(t, base);
     }
-    for (const unsigned lanes : t.at) t.redo |= lanes;
-
-    x_ = t.redo == 0 ? t.x : select(Mask<W>::of(t.redo), x_, t.x);
-    const auto before = std::exchange(in_, t.ended);
-    all_ok_ = true;
-    for (int lane = 0; lane < W; ++lane) {
-      Run<M>& r = run_[at(lane)];
-      status_[at(lane)] = Status::ok;
-      if ((t.redo >> lane & 1) == 0) r.ledger.note(Status::ok, r.tick++);
-    }
-    if (t.redo != 0) redo(t.redo, before, u, base);
   }
 
   Y output(const U& u) const noexcept {
-    Y y = Y::Constant(S(0.0));
+    Y y;
+    bool whole = false;
     int c = 0;
     visit_each(typename M::Charts{}, [&](auto chart) {
-      const unsigned lanes = in_[at(c++)];
-      if (lanes == 0) return;
-      const Y here = model_.output(chart, x_.template head<decltype(chart)::dim>(), u);
-      y = lanes == every ? here : select(Mask<W>::of(lanes), here, y);
+      if (in_[at(c++)] != every) return;
+      Vec<decltype(chart)::dim, S> x;
+      for (int i = 0; i < x.size(); ++i) x[i] = x_[i];
+      y = model_.output(chart, x, u);
+      whole = true;
     });
-    if (apart_ == 0) return y;
-    for (int lane = 0; lane < W; ++lane) {
-      if ((apart_ >> lane & 1) == 0) continue;
-      const Output<M> single = output_at(models_[at(lane)], run(lane).at, of_lane(u, lane));
-      for (int i = 0; i < output_count<M>; ++i) y[i].set(lane, single[i]);
+    for (int lane = 0; lane < W && !whole; ++lane) {
+      const Output<M> one = output_at(models_[at(lane)], run(lane).at, of_lane(u, lane));
+      for (int i = 0; i < output_count<M>; ++i) y[i].set(lane, one[i]);
     }
     return y;
   }
@@ -276,66 +303,97 @@ class LaneRuns {
     const U& u;
     double h;  // [s]
     bool sets_clock;
-    S clock;  // [rad] at the end
-    X x;
+    S clock;    // [rad] at the end
     S elapsed;  // [s]
     InCharts at, ended;
     unsigned redo;  // lanes that `step` has to take
+    bool parted;    // lanes have gone ways of their own; before_ has where they were
   };
-  static bool to_go(const Tick& t) noexcept {
-    unsigned lanes = 0;
-    for (const unsigned l : t.at) lanes |= l;
-    return lanes != 0;
-  }
   static Input<M> of_lane(const U& u, int lane) noexcept {
     Input<M> r;
     for (int i = 0; i < input_count<M>; ++i) r[i] = u[i][lane];
     return r;
   }
+  static int chart_of(const InCharts& in, int lane) noexcept {
+    for (int c = 0; c < M::Charts::size; ++c) {
+      if ((in[at(c)] >> lane & 1) != 0) return c;
+    }
+    return -1;
+  }
 
+  // Ticks of which no lane had anything to tell are only counted, until there is more to write down.
+  void add_plain(Run<M>& r) const noexcept {
+    if (plain_ == 0) return;
+    r.tick += plain_;
+    r.ledger.count[0] += plain_;
+    r.ledger.last_tick[0] = r.tick - 1;
+  }
+  void write_down() noexcept {
+    for (Run<M>& r : run_) add_plain(r);
+    plain_ = 0;
+  }
+  void put(int lane, const Run<M>& run) noexcept {
+    const unsigned bit = 1u << lane;
+    run_[at(lane)] = run;
+    for (unsigned& lanes : in_) lanes &= ~bit;
+    apart_ &= ~bit;
+    const bool on_grid = run.into == 0.0 && run.at.chart >= 0 && run.at.chart < M::Charts::size;
+    (on_grid ? in_[at(run.at.chart)] : apart_) |= bit;
+    for (int i = 0; i < max_dim<M>; ++i) x_[i].set(lane, run.at.x[i]);
+    level_ = true;
+    for (const Run<M>& other : run_) level_ = level_ && other.tick == run.tick;
+  }
+
+  // Takes the lanes in a chart through a step, to its end or to their first event. True when that is all lanes, and
+  // they come to the end.
   template <class C>
-  [[gnu::flatten]] void leg(C c, Tick& t) const noexcept {
+  [[gnu::flatten]] bool leg(C c, Tick& t) noexcept {
     constexpr int n = C::dim;
     constexpr std::size_t here = at(index_of<C>(typename M::Charts{}));
-    const unsigned lanes = std::exchange(t.at[here], 0u);
     const auto f = [&](const Vec<n, S>& x) noexcept -> Vec<n, S> { return model_.flow(c, x, t.u); };
-    const S left = t.h - t.elapsed;
-    const Vec<n, S> x0 = t.x.template head<n>();
-    const Vec<n, S> f0 = f(x0);
-    Vec<n, S> f1;
-    const Vec<n, S> x1 = Rk4::step<n, S>(f, x0, f0, left, f1);
+    flow::LaneStep<n, W, decltype(f)> step(f, x_, t.h - t.elapsed, t.h);
     S sum(0.0);
-    for (int i = 0; i < n; ++i) sum += x1[i] + f1[i];  // not finite when anything is not
-    Vec<n, S> end = x1;
+    flow::each<n>([&](auto i) { sum += step.x1[i] + step.f1[i]; });  // not finite when anything is not
     if constexpr (HasClock<C>) {
-      if (t.sets_clock) end[clock_of<C>()] = t.clock;
+      if (t.sets_clock) step.end[clock_of<C>()] = t.clock;
     }
-    const flow::LaneStep<n, W, decltype(f)> step{f, {x0, f0, x1, f1, left}, end, crossing::moment * t.h};
     Mask<W> inside = finite(sum);
     visit_each(typename M::Edges{}, [&](auto e) {
       if constexpr (std::is_same_v<typename decltype(e)::from, C>) {
         inside = inside & flow::plainly_inside(step, [&](const Vec<n, S>& x) -> S { return model_.guard(e, x, t.u); });
       }
     });
-    if (lanes == every && all(inside)) {
-      t.x.template head<n>() = end;
-      t.ended[here] = every;
-      return;
+    if (t.at[here] == every && !t.parted && all(inside)) {
+      flow::each<n>([&](auto i) { x_[i] = step.end[i]; });
+      return true;
     }
-    const unsigned plain = lanes & inside.bits(), sound = finite(sum).bits();
+    part(c, step, inside.bits(), finite(sum).bits(), t);
+    return false;
+  }
+
+  // The rest of a leg, when not all lanes go the same way: most are `inside` all along the step.
+  template <class C, class F>
+  [[gnu::noinline]] void part(C c, const flow::LaneStep<C::dim, W, F>& step, unsigned inside, unsigned sound,
+                              Tick& t) noexcept {
+    constexpr std::size_t here = at(index_of<C>(typename M::Charts{}));
+    if (!t.parted) before_ = x_;
+    t.parted = true;
+    const unsigned lanes = std::exchange(t.at[here], 0u);
+    unsigned ended = lanes & inside;
     t.redo |= lanes & ~sound;
-    unsigned ended = plain;
-    if (const unsigned asked = lanes & ~plain & sound; asked != 0) ended |= cross(c, step, asked, t);
-    X next = X::Constant(S(0.0));
-    next.template head<n>() = end;
-    t.x = select(Mask<W>::of(ended), next, t.x);
+    if (const unsigned asked = lanes & ~inside & sound; asked != 0) ended |= cross(c, step, asked, t);
+    move<C::dim>(ended, step.end);
     t.ended[here] |= ended;
+  }
+  template <int N>
+  void move(unsigned lanes, const Vec<N, S>& x) noexcept {
+    const Mask<W> these = Mask<W>::of(lanes);
+    for (int i = 0; i < max_dim<M>; ++i) x_[i] = select(these, i < N ? x[std::min(i, N - 1)] : S(0.0), x_[i]);
   }
 
   // Takes the lanes asked about through the guards that they meet in a step; returns those that meet none.
   template <class C, class F>
-  [[gnu::noinline]] unsigned cross(C, const flow::LaneStep<C::dim, W, F>& step, unsigned asked,
-                                   Tick& t) const noexcept {
+  unsigned cross(C, const flow::LaneStep<C::dim, W, F>& step, unsigned asked, Tick& t) noexcept {
     constexpr int n = C::dim;
     unsigned crossed = 0, doubtful = 0;
     std::array<unsigned, at(M::Edges::size) + 1> through{};  // lanes of each edge
@@ -357,24 +415,20 @@ class LaneRuns {
       }
       ++index;
     });
-    const S elapsed = t.elapsed + s * step.curve.h;
+    const S elapsed = t.elapsed + s * step.h;
     doubtful |= crossed & ~((s < S(1.0)) & (elapsed < S(t.h))).bits();
     index = 0;
     visit_each(typename M::Edges{}, [&](auto e) {
       using E = decltype(e);
       if constexpr (std::is_same_v<typename E::from, C>) {
         if ((through[index] & ~doubtful) != 0) {
-          constexpr int n_after = E::to::dim;
-          const Vec<n_after, S> after = model_.reset(e, x, t.u);
-          Mask<W> sound = finite(S(0.0));
-          for (int i = 0; i < n_after; ++i) sound = sound & finite(after[i]);
-          doubtful |= through[index] & ~sound.bits();
+          const Vec<E::to::dim, S> after = model_.reset(e, x, t.u);
+          S sum(0.0);
+          for (int i = 0; i < E::to::dim; ++i) sum += after[i];
+          doubtful |= through[index] & ~finite(sum).bits();
           const unsigned go = through[index] & ~doubtful;
-          X next = X::Constant(S(0.0));
-          next.template head<n_after>() = after;
-          const Mask<W> these = Mask<W>::of(go);
-          t.x = select(these, next, t.x);
-          t.elapsed = select(these, elapsed, t.elapsed);
+          move<E::to::dim>(go, after);
+          t.elapsed = select(Mask<W>::of(go), elapsed, t.elapsed);
           t.at[at(index_of<typename E::to>(typename M::Charts{}))] |= go;
         }
       }
@@ -384,29 +438,49 @@ class LaneRuns {
     return asked & ~crossed & ~doubtful;
   }
 
-  [[gnu::noinline]] void redo(unsigned lanes, const InCharts& before, const U& u, const Timebase& base) noexcept {
+  // The rest of a tick that is not plain.
+  [[gnu::noinline]] void finish(Tick& t, const Timebase& base) noexcept {
+    write_down();
+    if (!t.parted) before_ = x_;
+    t.parted = true;
+    constexpr int most = 3;  // legs of a lane; who has more goes alone
+    for (int i = 0; i < most; ++i) {
+      int c = 0;
+      visit_each(typename M::Charts{}, [&](auto chart) {
+        if (t.at[at(c++)] != 0) leg(chart, t);
+      });
+    }
+    for (const unsigned lanes : t.at) t.redo |= lanes;
+    const InCharts before = std::exchange(in_, t.ended);
     for (int lane = 0; lane < W; ++lane) {
-      if ((lanes >> lane & 1) == 0) continue;
-      Run<M> r = run_[at(lane)];
-      for (std::size_t c = 0; c < before.size(); ++c) {
-        if ((before[c] >> lane & 1) != 0) r.at.chart = static_cast<int>(c);
+      Run<M>& r = run_[at(lane)];
+      if ((t.redo >> lane & 1) == 0) {
+        status_[at(lane)] = Status::ok;
+        r.ledger.note(Status::ok, r.tick++);
       }
-      for (int i = 0; i < max_dim<M>; ++i) r.at.x[i] = x_[i][lane];
-      status_[at(lane)] = saltus::step(models_[at(lane)], r, of_lane(u, lane), base).status;
-      all_ok_ = all_ok_ && status_[at(lane)] == Status::ok;
-      set(lane, r);
+    }
+    for (int lane = 0; lane < W; ++lane) {
+      if ((t.redo >> lane & 1) == 0) continue;
+      Run<M> r = run_[at(lane)];
+      if (const int chart = chart_of(before, lane); chart >= 0) r.at.chart = chart;
+      for (int i = 0; i < max_dim<M>; ++i) r.at.x[i] = before_[i][lane];
+      const Status s = saltus::step(models_[at(lane)], r, of_lane(t.u, lane), base).status;
+      status_[at(lane)] = s;
+      ok_ = ok_ && s == Status::ok;
+      put(lane, r);
     }
   }
 
   Models models_;
   Rebind<M, S> model_;
-  X x_ = X::Constant(S(0.0));
+  X x_ = X::Constant(S(0.0)), before_ = x_;
   std::array<Run<M>, at(W)> run_{};  // but for the points of lanes that stand on the grid
+  std::int64_t plain_ = 0;           // [tick] that all runs are further
   std::array<Status, at(W)> status_{};
   InCharts in_{};
   unsigned apart_ = 0;  // lanes that do not stand on the grid, or in no chart
   bool level_ = true;   // all at the same tick
-  bool all_ok_ = true;
+  bool ok_ = true;
 };
 
 }  // namespace saltus

@@ -36,15 +36,15 @@ struct Rk4 {
 template <int N, class S = double>
 struct Hermite {
   Vec<N, S> x0, f0, x1, f1;  // ends of the step and the rates there
-  S h;                       // [s]
+  double h;                  // [s]
 
   // s in [0, 1], the fraction of the step.
-  Vec<N, S> operator()(const S& s) const noexcept {
-    const S r = 1.0 - s;
-    const S b0 = r * r * (1.0 + 2.0 * s);
-    const S b1 = s * s * (1.0 + 2.0 * r);
-    const S d0 = h * s * r * r;
-    const S d1 = h * s * s * r;
+  Vec<N, S> operator()(double s) const noexcept {
+    const double r = 1.0 - s;
+    const double b0 = r * r * (1.0 + 2.0 * s);
+    const double b1 = s * s * (1.0 + 2.0 * r);
+    const double d0 = h * s * r * r;
+    const double d1 = h * s * s * r;
     return b0 * x0 + b1 * x1 + d0 * f0 - d1 * f1;
   }
 };

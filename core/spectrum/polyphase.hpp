@@ -97,6 +97,8 @@ class Polyphase {
     if (cycle == 0) {
       for (std::size_t s = sums; s < sums + used * channels; ++s) falling_[s] = std::exchange(rising_[s], {});
     }
+    bool leaves = false;  // nothing does in the first P cycles
+    for (const T y : leaving) leaves = leaves || y != T(0);
     Wide in[channels], out[channels];
     for (std::size_t c = 0; c < channels; ++c) {
       in[c] = broadcast(entering[c]);
@@ -113,6 +115,7 @@ class Polyphase {
         for (std::size_t c = 0; c < channels; ++c) {
           add<false>(&rising[c].re[j], in[c] * re);
           add<false>(&rising[c].im[j], in[c] * im);
+          if (!leaves) continue;
           add<false>(&falling[c].re[j], out[c] * re);
           add<false>(&falling[c].im[j], out[c] * im);
         }
@@ -147,11 +150,7 @@ class Polyphase {
     std::memcpy(&v, lane, sizeof v);
     return v;
   }
-  static Wide broadcast(T x) noexcept {
-    Wide v{};
-    for (std::size_t i = 0; i < width; ++i) v[i] = x;
-    return v;
-  }
+  static Wide broadcast(T x) noexcept { return x - Wide{}; }
   template <bool First>
   static void add(T* lane, const Wide& v) noexcept {
     const Wide sum = First ? v : load(lane) + v;
