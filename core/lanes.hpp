@@ -13,11 +13,26 @@
 #include <limits>
 #include <utility>
 
-#if defined(__SSE2__)
+#if defined(__AVX__)
 #include <immintrin.h>
+#elif defined(__SSE2__)
+#include <emmintrin.h>
 #endif
 
 #include "scalar.hpp"
+
+// A kernel over lanes is one function, all that it calls inlined, so that its numbers stay where they are. Not under a
+// sanitizer, which would make it endless.
+#define SALTUS_LANE_KERNEL [[gnu::flatten]]
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+#undef SALTUS_LANE_KERNEL
+#define SALTUS_LANE_KERNEL
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+#undef SALTUS_LANE_KERNEL
+#define SALTUS_LANE_KERNEL
+#endif
+#endif
 
 namespace saltus {
 

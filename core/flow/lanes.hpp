@@ -144,8 +144,8 @@ struct LaneCrossing {
   Vec<N, Lanes<W>> x;
 };
 template <int N, int W, class F, class G>
-[[gnu::flatten, gnu::noinline]] LaneCrossing<N, W> locate(const LaneStep<N, W, F>& step, const G& guard,
-                                                          unsigned asked) noexcept {
+SALTUS_LANE_KERNEL [[gnu::noinline]] LaneCrossing<N, W> locate(const LaneStep<N, W, F>& step, const G& guard,
+                                                               unsigned asked) noexcept {
   using S = Lanes<W>;
   constexpr double sliver = crossing::sliver;
   const S zero(0.0), one(1.0);
@@ -347,7 +347,7 @@ class LaneRuns {
   // Takes the lanes in a chart through a step, to its end or to their first event. True when that is all lanes, and
   // they come to the end.
   template <class C>
-  [[gnu::flatten]] bool leg(C c, Tick& t) noexcept {
+  SALTUS_LANE_KERNEL bool leg(C c, Tick& t) noexcept {
     constexpr int n = C::dim;
     constexpr std::size_t here = at(index_of<C>(typename M::Charts{}));
     const auto f = [&](const Vec<n, S>& x) noexcept -> Vec<n, S> { return model_.flow(c, x, t.u); };

@@ -110,7 +110,7 @@ void side_by_side(int per_turn, int count, std::string_view name) {
   using M = Hopper<>;
   std::array<M, static_cast<std::size_t>(W)> models;
   for (std::size_t l = 0; l < models.size(); ++l) models[l].k += 0.1 * static_cast<double>(l);
-  static LaneRuns<M, W> lanes(models);
+  LaneRuns<M, W> lanes(models);
   Run<M> start;
   start.at = start_of(models[0]);
   for (int l = 0; l < W; ++l) lanes.set(l, start);
