@@ -358,11 +358,14 @@ class LaneRuns {
       if (t.sets_clock) step.end[clock_of<C>()] = t.clock;
     }
     Mask<W> inside = finite(sum);
-    visit_each(typename M::Edges{}, [&](auto e) {
-      if constexpr (std::is_same_v<typename decltype(e)::from, C>) {
-        inside = inside & flow::plainly_inside(step, [&](const Vec<n, S>& x) -> S { return model_.guard(e, x, t.u); });
-      }
-    });
+    if constexpr (M::Edges::size > 0) {
+      visit_each(typename M::Edges{}, [&](auto e) {
+        if constexpr (std::is_same_v<typename decltype(e)::from, C>) {
+          const auto guard = [&](const Vec<n, S>& x) -> S { return model_.guard(e, x, t.u); };
+          inside = inside & flow::plainly_inside(step, guard);
+        }
+      });
+    }
     if (t.at[here] == every && !t.parted && all(inside)) {
       flow::each<n>([&](auto i) { x_[i] = step.end[i]; });
       return true;
@@ -373,15 +376,17 @@ class LaneRuns {
 
   // The rest of a leg, when not all lanes go the same way: most are `inside` all along the step.
   template <class C, class F>
-  [[gnu::noinline]] void part(C c, const flow::LaneStep<C::dim, W, F>& step, unsigned inside, unsigned sound,
-                              Tick& t) noexcept {
+  [[gnu::noinline]] void part([[maybe_unused]] C c, const flow::LaneStep<C::dim, W, F>& step, unsigned inside,
+                              unsigned sound, Tick& t) noexcept {
     constexpr std::size_t here = at(index_of<C>(typename M::Charts{}));
     if (!t.parted) before_ = x_;
     t.parted = true;
     const unsigned lanes = std::exchange(t.at[here], 0u);
     unsigned ended = lanes & inside;
     t.redo |= lanes & ~sound;
-    if (const unsigned asked = lanes & ~inside & sound; asked != 0) ended |= cross(c, step, asked, t);
+    if constexpr (M::Edges::size > 0) {
+      if (const unsigned asked = lanes & ~inside & sound; asked != 0) ended |= cross(c, step, asked, t);
+    }
     move<C::dim>(ended, step.end);
     t.ended[here] |= ended;
   }

@@ -150,8 +150,7 @@ void hoppers(int per_turn, int ticks, bool phases, bool parameters) {
 TEST_CASE("Hoppers side by side live as each does alone, to the last bit", "[lanes]") {
   hoppers<8>(64, 10000, false, false);
   hoppers<4>(64, 3000, true, true);
-  hoppers<2>(512, 3000, false, true);
-  hoppers<16>(32, 1000, true, false);
+  hoppers<8>(512, 3000, true, true);
   hoppers<1>(64, 1000, false, false);
 }
 
