@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <variant>
 
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/htf.hpp"
@@ -16,6 +17,7 @@
 #include "eigenvalues.hpp"
 #include "hal/record.hpp"
 #include "identification.hpp"
+#include "lane_rig.hpp"
 
 namespace saltus {
 
@@ -35,7 +37,8 @@ struct CampaignOptions {
       watch;  // [output unit] noise of each output, for the residual to be held against; empty: not watched
   double false_alarm = 1e-6;  // [-] probability, a cycle, that the watch cries out though nothing is wrong
   std::function<void(const Drift&)> on_drift;  // at once, once an experiment; by one thread at a time
-  int jobs = 1;  // experiments played at a time, each by a thread of its own; nothing that is found depends on it
+  int jobs = 1;       // experiments played at a time, each by a thread of its own; nothing that is found depends on it
+  bool lanes = true;  // several more side by side, where the model can and is in this process; nor on this
 };
 
 template <class M>
@@ -106,15 +109,32 @@ inline void empty(Record& r) {
   for (Channel& c : r.outputs) c.values.clear();
 }
 
-// What it takes to play an experiment.
-template <class M, class Family>
+// Plays to the rig in this process.
+struct PlayHere {
+  Status operator()(std::int32_t, auto& rig, std::span<const double> stimulus, std::span<const Complex>,
+                    std::int64_t samples, std::int64_t settle, auto& estimator, const auto& on_sample) const noexcept {
+    return run_experiment(rig, stimulus, samples, settle, estimator, on_sample);
+  }
+};
+
+// Experiments that one thread plays side by side.
+inline constexpr std::size_t campaign_lanes = 8;
+template <class M, class Family, class Play>
+inline constexpr bool fit_lanes =
+    Branchless<M>&& Family::on_grid&& input_count<M> == 1 && std::is_same_v<std::remove_cvref_t<Play>, PlayHere>;
+
+// What it takes to play as many.
+template <class M, class Family, class Play>
 struct Station {
   std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
   std::unique_ptr<LineEstimator<output_count<M>>> pump;  // null: no experiment excites multiples of its frequency
   std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
-  std::vector<double> stimulus;                                     // one number for each input a sample
-  std::vector<double> one;                                          // input
-  std::vector<Complex> u;                                           // of the lines; none where there are several inputs
+  // One an experiment: what is played over and over, one number for each input a sample, and whether there is anything.
+  std::array<std::vector<double>, campaign_lanes> stimulus;
+  std::array<bool, campaign_lanes> playable{};
+  std::vector<double> one;  // input
+  std::vector<Complex> u;   // of the lines; none where there are several inputs
+  std::conditional_t<fit_lanes<M, Family, Play>, LaneReplies<M, campaign_lanes>, std::monostate> replies;
 };
 
 // What came of one.
@@ -174,7 +194,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     c.id.worst = Status::failed;
     return campaign;
   }
-  std::vector<Station<M, Family>> stations(
+  std::vector<Station<M, Family, Play>> stations(
       std::min(static_cast<std::size_t>(std::max(1, o.jobs)), plan.experiments.size() + 1));
   const bool pumped = std::any_of(plan.experiments.begin(), plan.experiments.end(), [&](const auto& u) {
     for (int k = 0; k < u.tones(); ++k) {
@@ -183,8 +203,6 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     return false;
   });
   for (auto& station : stations) {
-    station.one.resize(static_cast<std::size_t>(length));
-    station.stimulus.resize(station.one.size() * nu);
     if (pumped) station.pump = std::make_unique<LineEstimator<ny>>();
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
       station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
@@ -212,7 +230,31 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   std::mutex telling;
   std::size_t done = 0;
   const std::int64_t samples = (o.settle + o.periods * plan.options.period) * plan.options.sections;
-  const auto perform = [&](Station<M, Family>& at, std::size_t e, Played& result) {
+  const std::int64_t rising = std::min(o.ramp, o.settle) * plan.options.sections;
+  const auto prepare = [&](Station<M, Family, Play>& at, std::size_t e, std::size_t lane) {
+    const auto once = static_cast<std::size_t>(length) * nu;
+    std::vector<double>& u = at.stimulus[lane];
+    u.resize(once);
+    at.one.resize(static_cast<std::size_t>(length));
+    at.playable[lane] = true;
+    for (int j = 0; j < nu; ++j) {
+      at.playable[lane] = at.playable[lane] && plan.stimulus(e, j).fill(*twiddles, at.one);
+      for (std::size_t n = 0; n < at.one.size(); ++n) u[n * nu + static_cast<std::size_t>(j)] = at.one[n];
+    }
+    if (rising <= 0 || !at.playable[lane]) return;
+    u.resize(static_cast<std::size_t>(samples) * nu);  // the whole experiment, for it does not repeat from the start
+    for (std::size_t n = once; n < u.size(); ++n) u[n] = u[n - once];
+    for (std::int64_t n = 0; n < std::min(rising, samples); ++n) {
+      const double part = static_cast<double>(n) / static_cast<double>(rising);
+      const double weight = 0.5 - 0.5 * std::cos(std::numbers::pi * part);
+      for (std::size_t j = 0; j < nu; ++j) u[static_cast<std::size_t>(n) * nu + j] *= weight;
+    }
+  };
+  Run<M> start;
+  start.at = c.orbit.point[0];
+  // Experiment e, which has that lane; `play_it(rig, on_sample)` plays it.
+  const auto perform = [&](Station<M, Family, Play>& at, std::size_t e, std::size_t lane, Played& result,
+                           const auto& play_it) {
     const auto& multisine = plan.experiments[e];
     std::vector<int> lines;
     std::vector<LineEquations::Tone> tones;
@@ -224,14 +266,11 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
         tones.push_back({q, own.spectrum(q), j});
         if (nu == 1) at.u.push_back(tones.back().u);
       }
-      if (!own.fill(*twiddles, at.one)) return;
-      for (std::size_t n = 0; n < at.one.size(); ++n) at.stimulus[n * nu + static_cast<std::size_t>(j)] = at.one[n];
     }
-    Run<M> start;
-    start.at = c.orbit.point[0];
     Rig<M, Family> rig(m, base, family, start, noise, o.seed + 1000003 * e);
     rig.jitter(o.jitter);
-    if (at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
+    if (!at.playable[lane] ||
+        at.estimator->configure(plan.options.sections, plan.options.period, lines, o.harmonics) != Status::ok ||
         at.estimator->set_baseline(baseline) != Status::ok) {
       return;
     }
@@ -246,7 +285,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     }
     bool near = true;
     const auto on_sample = [&](std::int64_t n, const auto& input, const auto& y) {
-      const auto& cycle = baseline[static_cast<std::size_t>(n % plan.options.sections)];
+      const auto& cycle = baseline[static_cast<std::size_t>(wrap(n, plan.options.sections))];
       for (std::size_t i = 0; i < bound.size(); ++i) near = near && !(std::abs(y[i] - cycle[i]) > bound[i]);
       if (at.pump) {
         if (n == 0) at.pump->restart();
@@ -267,18 +306,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
       if (n == 0) empty(rows);
       add_row(rows, static_cast<int>(e), n, plan.options.sections, c.period, input, y);
     };
-    const std::int64_t rising = std::min(o.ramp, o.settle) * plan.options.sections;
-    std::vector<double> ramped;  // the whole experiment where it does not repeat from the start
-    for (std::int64_t n = 0; rising > 0 && n < samples; ++n) {
-      const double part = static_cast<double>(n) / static_cast<double>(rising);
-      const double weight = n < rising ? 0.5 - 0.5 * std::cos(std::numbers::pi * part) : 1.0;
-      for (std::size_t j = 0; j < nu; ++j) {
-        ramped.push_back(weight * at.stimulus[static_cast<std::size_t>(n % length) * nu + j]);
-      }
-    }
-    const Status s =
-        play(static_cast<std::int32_t>(e), rig, std::span<const double>(rising > 0 ? ramped : at.stimulus),
-             std::span<const Complex>(at.u), samples, o.settle * plan.options.sections, *at.estimator, on_sample);
+    const Status s = play_it(rig, on_sample);
     result.status = near || !usable(s) ? s : Status::failed;
     if (!usable(result.status)) return;
     result.equations = LineEquations(plan.options.sections, plan.options.period);
@@ -290,11 +318,40 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     if (progress) progress(static_cast<double>(done) / static_cast<double>(plan.experiments.size()));
   };
   std::vector<Played> played(plan.experiments.size());
+  const std::int64_t settling = o.settle * plan.options.sections;
+  const bool lanes = fit_lanes<M, Family, Play> && o.lanes && !(o.jitter > 0.0);
+  const std::size_t together = lanes ? campaign_lanes : 1;
   std::atomic<std::size_t> next{0};
   diagnosis::side_by_side(stations.size(), [&](std::size_t i) {
-    for (std::size_t e = next++; e < played.size(); e = next++) {
-      perform(stations[i], e, played[e]);
-      if (!usable(played[e].status)) next = played.size();
+    Station<M, Family, Play>& at = stations[i];
+    for (std::size_t first = next.fetch_add(together); first < played.size(); first = next.fetch_add(together)) {
+      const std::size_t count = std::min(together, played.size() - first);
+      for (std::size_t lane = 0; lane < count; ++lane) prepare(at, first + lane, lane);
+      if constexpr (fit_lanes<M, Family, Play>) {
+        if (lanes) {
+          std::array<std::span<const double>, campaign_lanes> stimuli;
+          for (std::size_t lane = 0; lane < stimuli.size(); ++lane) {
+            stimuli[lane] = at.stimulus[std::min(lane, count - 1)];  // what is left over goes along
+          }
+          play_in_lanes<M, campaign_lanes>(m, base, family, start, stimuli, samples, at.replies);
+        }
+      }
+      for (std::size_t lane = 0; lane < count; ++lane) {
+        const std::size_t e = first + lane;
+        const std::span<const double> stimulus(at.stimulus[lane]);
+        perform(at, e, lane, played[e], [&](auto& rig, const auto& on_sample) {
+          if constexpr (fit_lanes<M, Family, Play>) {
+            if (lanes) {
+              return replay_lane(rig, at.replies, static_cast<int>(lane), stimulus, settling, *at.estimator, on_sample);
+            }
+          }
+          return play(static_cast<std::int32_t>(e), rig, stimulus, std::span<const Complex>(at.u), samples, settling,
+                      *at.estimator, on_sample);
+        });
+        if (usable(played[e].status)) continue;
+        next = played.size();
+        break;
+      }
     }
   });
   LineNoise line_noise;
@@ -319,11 +376,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
 template <class M, class Family>
 std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, const Plan& plan, const CampaignOptions& o,
                                           Record* record, const std::function<void(double)>& progress) {
-  return run_campaign(m, family, plan, o, record, progress,
-                      [](std::int32_t, auto& rig, std::span<const double> stimulus, std::span<const Complex>,
-                         std::int64_t samples, std::int64_t settle, auto& estimator, const auto& on_sample) {
-                        return run_experiment(rig, stimulus, samples, settle, estimator, on_sample);
-                      });
+  return run_campaign(m, family, plan, o, record, progress, PlayHere{});
 }
 
 }  // namespace saltus

@@ -69,11 +69,13 @@ template <int Ny, int Nu = 1, class Machine, class Estimator, class OnSample>
 Status play_experiment(Machine& machine, std::int32_t experiment, std::span<const double> stimulus,
                        std::int64_t samples, std::int64_t settle, Estimator& estimator, OnSample&& on_sample,
                        Outcome& outcome) noexcept {
-  const auto u = [&](std::int64_t n) {
-    const auto at = static_cast<std::size_t>(n % static_cast<std::int64_t>(stimulus.size() / Nu)) * Nu;
-    std::array<double, Nu> now{};
-    for (std::size_t j = 0; j < now.size(); ++j) now[j] = stimulus[at + j];
-    return now;
+  std::size_t ahead = 0;  // in the stimulus, of what is to be given next
+  const auto next = [&](std::size_t& at) {
+    std::array<double, Nu> u{};
+    for (std::size_t j = 0; j < u.size(); ++j) u[j] = stimulus[at + j];
+    at += u.size();
+    if (at == stimulus.size()) at = 0;
+    return u;
   };
   Measurement<Ny> y;
   outcome = machine.start(experiment, y);
@@ -81,19 +83,21 @@ Status play_experiment(Machine& machine, std::int32_t experiment, std::span<cons
   std::int64_t lead = 0;
   if constexpr (requires { machine.lead(); }) {
     lead = machine.lead();
-    for (std::int64_t n = 0; n < lead; ++n) machine.give(n, u(n));
+    for (std::int64_t n = 0; n < lead; ++n) machine.give(n, next(ahead));
   }
+  std::size_t now = 0;
   Status worst = Status::ok;
   for (std::int64_t n = 0; n < samples; ++n) {
     worst = worse(worst, y.status);
     if (!usable(y.status)) return y.status;
     if (n >= settle) worst = worse(worst, estimator.push(n, y.y));
+    const auto held = next(now);
     if constexpr (Nu == 1) {
-      on_sample(n, u(n)[0], y.y);
+      on_sample(n, held[0], y.y);
     } else {
-      on_sample(n, u(n), y.y);
+      on_sample(n, held, y.y);
     }
-    outcome = machine.exchange(n + lead, u(n + lead), y);
+    outcome = machine.exchange(n + lead, next(ahead), y);
     if (outcome != Outcome::answered) return Status::failed;
   }
   return worst;

@@ -94,6 +94,17 @@ class Rig {
   // No stimulus any more: an emulated machine then stands still.
   Reply rest() noexcept { return reply(-1, Status::ok); }
 
+  // What its sensors make of outputs y.
+  decltype(Reply::y) measure(const Output<M>& y) noexcept {
+    decltype(Reply::y) r;
+    for (int i = 0; i < output_count<M>; ++i) {
+      const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
+      r[static_cast<std::size_t>(i)] =
+          quantum_[i] > 0.0 ? quantum_[i] * std::nearbyint(measured / quantum_[i]) : measured;
+    }
+    return r;
+  }
+
  private:
   Reply reply(std::int64_t seq, Status status) noexcept {
     Reply r;
@@ -110,12 +121,7 @@ class Rig {
         at.set(c, rk4<n, double>(f, x, f(x), off));
       });
     }
-    const Output<M> y = output_at(model_, at, Input<M>(Input<M>::Zero()));
-    for (int i = 0; i < output_count<M>; ++i) {
-      const double measured = y[i] + (noise_[i] > 0.0 ? noise_[i] * random_.normal() : 0.0);
-      r.y[static_cast<std::size_t>(i)] =
-          quantum_[i] > 0.0 ? quantum_[i] * std::nearbyint(measured / quantum_[i]) : measured;
-    }
+    r.y = measure(output_at(model_, at, Input<M>(Input<M>::Zero())));
     return r;
   }
 

@@ -11,6 +11,8 @@
 //   Vec<n', S>   reset (E, const Vec<n, S>& x, const Vec<nu, S>& u) const    one an edge: the state in the next chart
 //   Vec<ny, S>   output(C, const Vec<n, S>& x, const Vec<nu, S>& u) const    one a chart
 //   Start<C, S>  start() const                                     a state from which the orbit is sought
+//   static constexpr bool branchless = true     where it may be said: nothing is decided by comparing values
+//   (flow/lanes.hpp)
 // Every data member is a parameter: lift copies parameters and nothing else.
 #pragma once
 

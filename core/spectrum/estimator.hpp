@@ -68,8 +68,8 @@ class HtfEstimator {
     empty_window();
     next_ = 0;
     missing_ = late_ = jumps_ = periods_ = 0;
-    mean_ = {};
-    spread_ = {};
+    std::fill_n(mean_.begin(), sums_.bins(), std::array<Complex, lanes>{});
+    std::fill_n(spread_.begin(), sums_.bins(), std::array<double, lanes>{});
   }
 
   // The measurement of the absolute sample index `sample` = cycle * N + section (any start, negative too).
@@ -183,7 +183,7 @@ class HtfEstimator {
     std::fill_n(slot_.begin(), at(samples()), Slot::hole);
     std::fill_n(ring_.begin(), at(samples()), Signals{});
     sums_.clear();
-    lines_ = {};
+    for (auto& lines : lines_) std::fill_n(lines.begin(), sums_.bins(), typename Sums::Pack{});
   }
 
   void start_at(std::int64_t sample) noexcept {
@@ -239,7 +239,7 @@ class HtfEstimator {
 
   void update_means() noexcept {  // Welford
     const double share = 1.0 / static_cast<double>(++periods_);
-    for (std::size_t i = 0; i < mean_.size(); ++i) {
+    for (std::size_t i = 0; i < sums_.bins(); ++i) {
       for (std::size_t j = 0; j < lanes; ++j) {
         const auto& p = lines_[shown_][i];
         const Complex y{static_cast<double>(p.re[j]), static_cast<double>(p.im[j])}, before = y - mean_[i][j];

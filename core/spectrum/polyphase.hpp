@@ -50,13 +50,16 @@ class Polyphase {
     return (at(k) / lanes * channels + at(channel)) * orders + at(l + MaxHarmonics);
   }
 
+  // Bins in use, the first ones of Lines.
+  std::size_t bins() const noexcept { return used_ * channels * orders; }
+
   // Every argument within the capacities. Empties the sums.
   void configure(int sections, int period, std::span<const int> lines, int harmonics) noexcept {
     used_ = (lines.size() + lanes - 1) / lanes;
     sections_ = sections;
     harmonics_ = harmonics;
-    std::fill_n(cycle_turn_.begin(), at(period) * packs, Pack{});
-    std::fill_n(section_turn_.begin(), at(sections) * packs, Pack{});
+    for (int c = 0; c < period; ++c) std::fill_n(&cycle_turn_[at(c) * packs], used_, Pack{});
+    for (int n = 0; n < sections; ++n) std::fill_n(&section_turn_[at(n) * packs], used_, Pack{});
     const auto set = [](Pack& p, std::size_t lane, const Complex& z) {
       p.re[lane] = static_cast<T>(z.real());
       p.im[lane] = static_cast<T>(z.imag());
@@ -81,8 +84,10 @@ class Polyphase {
   }
 
   void clear() noexcept {
-    std::fill_n(rising_.begin(), at(sections_) * packs * channels, Pack{});
-    std::fill_n(falling_.begin(), at(sections_) * packs * channels, Pack{});
+    for (std::size_t n = 0; n < at(sections_); ++n) {
+      std::fill_n(&rising_[n * packs * channels], used_ * channels, Pack{});
+      std::fill_n(&falling_[n * packs * channels], used_ * channels, Pack{});
+    }
   }
 
   // First stage: a sample enters the sums of its section and the one of P cycles before leaves. `cycle` modulo P;
@@ -92,6 +97,8 @@ class Polyphase {
     if (cycle == 0) {
       for (std::size_t s = sums; s < sums + used * channels; ++s) falling_[s] = std::exchange(rising_[s], {});
     }
+    bool leaves = false;  // nothing does in the first P cycles
+    for (const T y : leaving) leaves = leaves || y != T(0);
     Wide in[channels], out[channels];
     for (std::size_t c = 0; c < channels; ++c) {
       in[c] = broadcast(entering[c]);
@@ -108,6 +115,7 @@ class Polyphase {
         for (std::size_t c = 0; c < channels; ++c) {
           add<false>(&rising[c].re[j], in[c] * re);
           add<false>(&rising[c].im[j], in[c] * im);
+          if (!leaves) continue;
           add<false>(&falling[c].re[j], out[c] * re);
           add<false>(&falling[c].im[j], out[c] * im);
         }
@@ -142,11 +150,7 @@ class Polyphase {
     std::memcpy(&v, lane, sizeof v);
     return v;
   }
-  static Wide broadcast(T x) noexcept {
-    Wide v{};
-    for (std::size_t i = 0; i < width; ++i) v[i] = x;
-    return v;
-  }
+  static Wide broadcast(T x) noexcept { return x - Wide{}; }
   template <bool First>
   static void add(T* lane, const Wide& v) noexcept {
     const Wide sum = First ? v : load(lane) + v;

@@ -27,6 +27,7 @@ struct Hopper {
   using Ports = List<hopper::Body, hopper::Leg, hopper::Foot>;
   using U = Vec<1, S>;
   static constexpr std::string_view name = "hopper";
+  static constexpr bool branchless = true;
   static constexpr std::array inputs{Quantity{"u", "N"}};
   static constexpr std::array outputs{Quantity{"y_M", "m"}, Quantity{"v_M", "m/s"}};
 

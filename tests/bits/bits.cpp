@@ -6,6 +6,7 @@
 #include <cstdio>
 #include <string_view>
 
+#include "core/flow/lanes.hpp"
 #include "core/flow/rk8.hpp"
 #include "core/orbit/orbit.hpp"
 #include "core/spectrum/estimator.hpp"
@@ -103,6 +104,31 @@ void long_run(const M& m, int per_turn, int count, std::string_view name) {
   h.print(name);
 }
 
+// Hoppers of different springs.
+template <int W>
+void side_by_side(int per_turn, int count, std::string_view name) {
+  using M = Hopper<>;
+  std::array<M, static_cast<std::size_t>(W)> models;
+  for (std::size_t l = 0; l < models.size(); ++l) models[l].k += 0.1 * static_cast<double>(l);
+  LaneRuns<M, W> lanes(models);
+  Run<M> start;
+  start.at = start_of(models[0]);
+  for (int l = 0; l < W; ++l) lanes.set(l, start);
+  const Timebase base = timebase_of(models[0], per_turn);
+  const Multisine<tones> push = stimulus();
+  typename LaneRuns<M, W>::U u;
+  Hash h;
+  for (int i = 0; i < count; ++i) {
+    for (int l = 0; l < W; ++l) u[0].set(l, push(i + 11 * l));
+    lanes.step(u, base);
+    for (int l = 0; l < W; ++l) {
+      h.add(static_cast<double>(lanes.status(l)));
+      h.add(lanes.run(l).at.x);
+    }
+  }
+  h.print(name);
+}
+
 LdtpOf<Hopper<>, sections> linear;
 Orbit<Hopper<>, sections> cycle;
 
@@ -176,6 +202,7 @@ int main() {
   campaign<float>("estimator of floats", "hopper: identified HTF, floats");
   long_run<Rk4>(Hopper<>{}, 512, 100000, "hopper: 1e5 ticks");
   long_run<Rk4>(KneedBiped<>{}, 512, 100000, "kneed biped: 1e5 ticks");
+  side_by_side<4>(64, 10000, "hopper: four in lanes, 1e4 ticks");
   long_run<Rk8>(Hopper<>{}, 32, 10000, "hopper: 1e4 ticks, order eight");
   long_run<Rk8>(KneedBiped<>{}, 32, 10000, "kneed biped: 1e4 ticks, order eight");
 }

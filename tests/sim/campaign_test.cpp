@@ -233,6 +233,69 @@ TEST_CASE("Several experiments at a time give the bits of one after the other, a
   CHECK(one_by_one.outputs[0].values == together.outputs[0].values);
 }
 
+TEST_CASE("Experiments side by side in lanes give the bits of one after the other") {
+  PlanOptions p;
+  p.period = 8;
+  p.band = 4.0;
+  p.subsets = 11;  // no multiple of the lanes
+  p.amplitude = 0.05;
+  const Plan plan = make_plan(p);
+  for (const double noise : {0.0, 1e-3}) {
+    const auto run = [&](bool lanes, int jobs, Record& record) {
+      CampaignOptions o;
+      o.ticks = 64;
+      o.settle = 6;
+      o.ramp = 3;
+      o.periods = 2;
+      if (noise > 0.0) o.noise = o.watch = {noise, noise};
+      o.lanes = lanes;
+      o.jobs = jobs;
+      record.inputs = {{"u", "N", {}}};
+      record.outputs = {{"y_M", "m", {}}, {"v_M", "m/s", {}}};
+      return run_campaign(Hopper<>{}, ClockPhases{sections}, plan, o, &record, {});
+    };
+    Record alone, beside, on_two;
+    const auto a = run(false, 1, alone), b = run(true, 1, beside), c = run(true, 2, on_two);
+    REQUIRE(a->id.worst == Status::ok);
+    REQUIRE(a->id.htf.size() > 100u);
+    for (const auto* other : {&b, &c}) {
+      const Identification& id = (*other)->id;
+      REQUIRE(a->id.htf.size() == id.htf.size());
+      CHECK(a->id.worst == id.worst);
+      CHECK(a->id.drifts.size() == id.drifts.size());
+      bool same = true;
+      for (std::size_t i = 0; i < id.htf.size(); ++i) {
+        const HtfEstimate &x = a->id.htf[i], &y = id.htf[i];
+        same = same && x.line == y.line && x.value == y.value && (x.sigma == y.sigma || noise == 0.0);
+      }
+      CHECK(same);
+    }
+    for (const Record* other : {&beside, &on_two}) {
+      CHECK(alone.experiment == other->experiment);
+      CHECK(alone.inputs[0].values == other->inputs[0].values);
+      CHECK(alone.outputs[0].values == other->outputs[0].values);
+      CHECK(alone.outputs[1].values == other->outputs[1].values);
+    }
+  }
+}
+
+TEST_CASE("A machine that is lost in a lane ends the campaign as it does alone") {
+  PlanOptions p;
+  p.period = 8;
+  p.band = 4.0;
+  p.amplitude = 30.0;
+  const Plan plan = make_plan(p);
+  CampaignOptions o;
+  o.ticks = 64;
+  o.settle = 5;
+  const auto beside = run_campaign(Hopper<>{}, ClockPhases{sections}, plan, o, nullptr, {});
+  o.lanes = false;
+  const auto alone = run_campaign(Hopper<>{}, ClockPhases{sections}, plan, o, nullptr, {});
+  CHECK(!usable(alone->id.worst));
+  CHECK(beside->id.worst == alone->id.worst);
+  CHECK(beside->id.htf.size() == alone->id.htf.size());
+}
+
 TEST_CASE("Progress rises to one, and the record holds every sample of every experiment") {
   const World m = world();
   const Plan plan = small_plan();
