@@ -105,7 +105,7 @@ inline void empty(Record& r) {
 // What it takes to play an experiment.
 template <class M, class Family>
 struct Station {
-  std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
+  std::unique_ptr<CampaignEstimator<output_count<M>>> estimator = std::make_unique<CampaignEstimator<output_count<M>>>();
   std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
   std::vector<double> stimulus;
   std::vector<Complex> u;  // of the lines
@@ -154,9 +154,9 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   }
 
   const Output<M> noise = by_output<M>(o.noise);
-  std::vector<typename LineEstimator<ny>::Sample> baseline;
+  std::vector<typename CampaignEstimator<ny>::Sample> baseline;
   for (const auto& y : c.orbit.output) {
-    typename LineEstimator<ny>::Sample s{};
+    typename CampaignEstimator<ny>::Sample s{};
     for (int i = 0; i < ny; ++i) s[static_cast<std::size_t>(i)] = y[i];
     baseline.push_back(s);
   }
@@ -173,7 +173,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     station.stimulus.resize(static_cast<std::size_t>(length));
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
       station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
-      typename LineEstimator<ny>::Sample band{};
+      typename CampaignEstimator<ny>::Sample band{};
       std::copy(o.watch.begin(), o.watch.end(), band.begin());
       Run<M> on_cycle;
       on_cycle.at = c.orbit.point[0];

@@ -101,6 +101,42 @@ std::int64_t count_missing(const Grid& grid, std::int64_t begin, std::int64_t en
   return n;
 }
 
+// The lines of all outputs, stimulus period by stimulus period, to see how they scatter together.
+class Periods {
+ public:
+  Periods(std::size_t tones, int harmonics, std::size_t outputs)
+      : tones_(tones), orders_(2 * harmonics + 1), outputs_(static_cast<Eigen::Index>(outputs)) {}
+
+  // What an estimator of one output has at the end of a period.
+  void take(std::int64_t period, const LineEstimator<1>& estimator, std::size_t output) {
+    auto& [lines, filled] = of_[period];
+    lines.resize(tones_, Eigen::VectorXcd::Zero(orders_ * outputs_));
+    ++filled;
+    for (std::size_t k = 0; k < tones_; ++k) {
+      for (int i = 0; i < orders_; ++i) {
+        lines[k][static_cast<Eigen::Index>(output) * orders_ + i] =
+            estimator.line(static_cast<int>(k), i - estimator.harmonics(), 0);
+      }
+    }
+  }
+  // Periods of which every output that there is was measured.
+  void give(ClassScatter& to, std::span<const int> tones, int outputs) const {
+    for (std::size_t k = 0; k < tones_; ++k) {
+      std::vector<Eigen::VectorXcd> whole;
+      for (const auto& [period, of] : of_) {
+        if (of.second == outputs) whole.push_back(of.first[k]);
+      }
+      to.add(tones[k], (orders_ - 1) / 2, whole);
+    }
+  }
+
+ private:
+  std::size_t tones_;
+  int orders_;
+  Eigen::Index outputs_;
+  std::map<std::int64_t, std::pair<std::vector<Eigen::VectorXcd>, int>> of_;
+};
+
 }  // namespace
 
 Identification identify_record(const Record& record, int harmonics) {
@@ -161,6 +197,8 @@ Identification identify_record(const Record& record, int harmonics) {
     for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
       const std::size_t n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
       const std::span<const int> lines(tones.lines.data() + from, n);
+      Periods periods(n, harmonics, grid.outputs.size());
+      int measured = 0;
       for (std::size_t c = 0; c < grid.outputs.size(); ++c) {
         const std::vector<double>& y = grid.outputs[c];
         if (estimator->configure(sections, period, lines, harmonics) != Status::ok ||
@@ -168,8 +206,10 @@ Identification identify_record(const Record& record, int harmonics) {
           refuse("the estimator cannot take it", "thin the record");
         }
         for (std::int64_t i = begin; i < end; ++i) {
+          const std::int64_t before = estimator->periods();
           const Status s = estimator->push(first_sample + i, {y[static_cast<std::size_t>(i)]});
           id.worst = worse(id.worst, s);
+          if (estimator->periods() != before) periods.take((i - begin) / length, *estimator, c);
         }
         const int holes = estimator->holes();
         if (holes > 0 && from == 0) {
@@ -178,8 +218,10 @@ Identification identify_record(const Record& record, int harmonics) {
                              (holes == length ? ", which is left out" : " and count as undisturbed"));
         }
         if (holes == length) continue;
+        ++measured;
         collect(*estimator, std::span<const Complex>(tones.u.data() + from, n), static_cast<int>(c), 1, id, noise);
       }
+      periods.give(noise.classes, lines, measured);
     }
   }
   if (!any_period) {
