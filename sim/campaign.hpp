@@ -126,7 +126,8 @@ inline constexpr bool fit_lanes =
 // What it takes to play as many.
 template <class M, class Family, class Play>
 struct Station {
-  std::unique_ptr<LineEstimator<output_count<M>>> estimator = std::make_unique<LineEstimator<output_count<M>>>();
+  std::unique_ptr<CampaignEstimator<output_count<M>>> estimator =
+      std::make_unique<CampaignEstimator<output_count<M>>>();
   std::unique_ptr<LineEstimator<output_count<M>>> pump;  // null: no experiment excites multiples of its frequency
   std::unique_ptr<DriftWatch<M, Family, campaign_sections>> watch;  // null: not watched
   // One an experiment: what is played over and over, one number for each input a sample, and whether there is anything.
@@ -181,9 +182,9 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
   }
 
   const Output<M> noise = by_output<M>(o.noise);
-  std::vector<typename LineEstimator<ny>::Sample> baseline;
+  std::vector<typename CampaignEstimator<ny>::Sample> baseline;
   for (const auto& y : c.orbit.output) {
-    typename LineEstimator<ny>::Sample s{};
+    typename CampaignEstimator<ny>::Sample s{};
     for (int i = 0; i < ny; ++i) s[static_cast<std::size_t>(i)] = y[i];
     baseline.push_back(s);
   }
@@ -206,7 +207,7 @@ std::unique_ptr<Campaign<M>> run_campaign(const M& m, const Family& family, cons
     if (pumped) station.pump = std::make_unique<LineEstimator<ny>>();
     if (o.watch.size() == static_cast<std::size_t>(ny)) {
       station.watch = std::make_unique<DriftWatch<M, Family, campaign_sections>>();
-      typename LineEstimator<ny>::Sample band{};
+      typename CampaignEstimator<ny>::Sample band{};
       std::copy(o.watch.begin(), o.watch.end(), band.begin());
       Run<M> on_cycle;
       on_cycle.at = c.orbit.point[0];

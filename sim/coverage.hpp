@@ -18,6 +18,8 @@ struct CoverageOptions {
   int harmonics = 3;          // H_-harmonics ... H_harmonics, as `saltus identify` has them
   double level = 0.95;        // of the intervals
   double colour = 0.0;        // [-] pole of the noise, 0: white; its standard deviation stays
+  double process = 0.0;       // [input unit] standard deviation of a random force where the input acts, unknown to
+                              // whoever identifies: held from section to section, anew at each
   std::vector<double> noise;  // [output unit] standard deviation of each output
   std::uint64_t seed = 1;
 };
@@ -36,8 +38,8 @@ struct Coverage {
   }
 };
 
-// Whether the circle of each estimate holds the truth: pooled standard errors know 48 lines' worth of repeats.
-bool circle_holds(const HtfEstimate& h, Complex truth, double level, std::int64_t periods);
+// Whether the circle of the estimate holds the truth, its standard error known as well as its degrees of freedom say.
+bool circle_holds(const HtfEstimate& h, Complex truth, double level);
 
 // One stretch of noise: an autoregression of order one, stationary, of standard deviation 1.
 class ColouredNoise {
@@ -52,14 +54,38 @@ class ColouredNoise {
   double state_;
 };
 
-// The machine is deterministic, so its steady response to each experiment of the plan is played once; every trial adds
-// its own noise to the outputs, and then goes the whole way through the streaming estimator. The truth is the
-// linearised model's.
+// A machine from section 0 on under one period of a stimulus, over and over, to which a random force of standard
+// deviation `sigma` [input unit] adds, held from section to section. `on_output(n, y)` is given every sample and says
+// whether to go on; failed where it does not.
+template <class M, class Family, class OnOutput>
+Status play_with_force(const M& m, const Family& family, std::int64_t ticks, const Point<M>& start,
+                       std::span<const double> stimulus, std::int64_t samples, double sigma, Random force,
+                       OnOutput&& on_output) {
+  Timebase base = timebase_of(m, ticks);
+  if constexpr (!Family::on_grid) base.sets_clock = false;
+  Run<M> run;
+  run.at = start;
+  for (std::int64_t n = 0; n < samples; ++n) {
+    const Output<M> output = output_at(m, run.at, Input<M>(Input<M>::Zero()));
+    std::array<double, output_count<M>> y{};
+    for (std::size_t c = 0; c < y.size(); ++c) y[c] = output[static_cast<int>(c)];
+    if (!on_output(n, y)) return Status::failed;
+    const double u = stimulus[static_cast<std::size_t>(n) % stimulus.size()] + sigma * force.normal();
+    const Status s = to_next_section(m, run, static_cast<int>(n % family.count()), Input<M>(Input<M>::Constant(u)),
+                                     base, family, [](const Point<M>&, const Passage&) {});
+    if (!usable(s)) return s;
+  }
+  return Status::ok;
+}
+
+// Where only outputs are noisy, the machine's steady response to each experiment of the plan is played once; every
+// trial adds its own noise. A random force goes through the machine, which is played anew in every trial. All goes the
+// whole way through the streaming estimator. The truth is the linearised model's.
 template <class M, class Family>
 Coverage cover(const M& m, const Family& family, const Plan& plan, const CoverageOptions& o,
                const std::function<void(double)>& progress = {}) {
   constexpr int ny = output_count<M>;
-  using Estimator = HtfEstimator<max_tones, 3, ny, 32, 2 * max_tones>;
+  using Estimator = ClassEstimator<max_tones, 3, ny, 32, 2 * max_tones>;
   const int length = plan.options.sections * plan.options.period;
   CampaignOptions clean;
   clean.settle = 80;
@@ -95,32 +121,41 @@ Coverage cover(const M& m, const Family& family, const Plan& plan, const Coverag
         lines.push_back(u.tone(k).line);
         spectrum.push_back(u.spectrum(u.tone(k).line));
       }
+      const auto stream = (static_cast<std::uint64_t>(trial) * plan.experiments.size() + e) * ny;
       std::vector<ColouredNoise> source;
       for (int c = 0; c < ny; ++c) {
-        source.emplace_back(
-            o.colour, o.seed,
-            (static_cast<std::uint64_t>(trial) * plan.experiments.size() + e) * ny + static_cast<std::uint64_t>(c));
+        source.emplace_back(o.colour, o.seed, stream + static_cast<std::uint64_t>(c));
       }
       if (estimator->configure(id.sections, id.period, lines, o.harmonics) != Status::ok ||
           estimator->set_baseline(baseline) != Status::ok) {
         return r;
       }
-      for (std::int64_t n = 0; n < o.periods * length; ++n) {
+      const auto measure = [&](std::int64_t n, auto y) {
+        for (std::size_t c = 0; c < static_cast<std::size_t>(ny); ++c) y[c] += o.noise[c] * source[c]();
+        return usable(estimator->push(n, y));
+      };
+      const std::int64_t from = clean.settle * id.sections, to = from + o.periods * length;
+      if (o.process > 0.0) {
+        const std::span<const double> stimulus(record.inputs[0].values.data() + e * stride,
+                                               static_cast<std::size_t>(length));
+        const Status s = play_with_force(m, family, clean.ticks, campaign->orbit.point[0], stimulus, to, o.process,
+                                         Random(o.seed, ~stream),
+                                         [&](std::int64_t n, const auto& y) { return n < from || measure(n, y); });
+        if (!usable(s)) return r;
+      }
+      for (std::int64_t n = from; o.process == 0.0 && n < to; ++n) {
         // The record's last period starts after the settling cycles, which are not a whole period.
-        const std::int64_t sample = n + clean.settle * id.sections;
-        const auto place = static_cast<std::size_t>(clean.settle * id.sections + wrap(n, length));
+        const auto place = e * stride + static_cast<std::size_t>(from + wrap(n - from, length));
         typename Estimator::Sample y;
-        for (std::size_t c = 0; c < y.size(); ++c) {
-          y[c] = record.outputs[c].values[e * stride + place] + o.noise[c] * source[c]();
-        }
-        if (!usable(estimator->push(sample, y))) return r;
+        for (std::size_t c = 0; c < y.size(); ++c) y[c] = record.outputs[c].values[place];
+        if (!measure(n, y)) return r;
       }
       collect(*estimator, spectrum, 0, ny, id, noise, equations);
     }
     finish(id, noise);
     for (std::size_t i = 0; i < id.htf.size(); ++i) {
       ++r.lines;
-      r.lines_inside += circle_holds(id.htf[i], truth[i], o.level, o.periods) ? 1 : 0;
+      r.lines_inside += circle_holds(id.htf[i], truth[i], o.level) ? 1 : 0;
     }
     RegionOptions region_options;
     region_options.count = static_cast<int>(exact.size());

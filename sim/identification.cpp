@@ -27,6 +27,7 @@ void LineNoise::append(const LineNoise& more) {
   for (std::size_t c = 0; c < more.entries_.size(); ++c) {
     entries_[c].insert(entries_[c].end(), more.entries_[c].begin(), more.entries_[c].end());
   }
+  classes.append(more.classes);
 }
 
 void LineNoise::sort(int sections) {
@@ -36,22 +37,21 @@ void LineNoise::sort(int sections) {
   }
 }
 
-double LineNoise::variance(int output, double frequency, int sections) const {
-  constexpr std::size_t pool = 48;  // lines: with three degrees of freedom each, a standard error good to 4 %
+LineNoise::Pooled LineNoise::pooled(int output, double frequency, int sections) const {
+  // Complex degrees of freedom: a standard error good to 7 %, from so few lines that the peaks of noise which went
+  // through the machine, a tenth of a cycle wide, are not flattened.
+  constexpr double wanted = 48.0;
   const auto c = static_cast<std::size_t>(output);
-  if (c >= entries_.size() || entries_[c].empty()) return std::numeric_limits<double>::quiet_NaN();
+  if (c >= entries_.size() || entries_[c].empty()) return {std::numeric_limits<double>::quiet_NaN(), 0.0};
   const auto& list = entries_[c];
   const double f = folded(frequency, sections);
   auto hi = static_cast<std::size_t>(
       std::lower_bound(list.begin(), list.end(), f, [](const Entry& e, double x) { return e.frequency < x; }) -
       list.begin());
   std::size_t lo = hi;
-  while (hi - lo < std::min(pool, list.size())) {  // the nearest lines on either side
-    if (hi == list.size() || (lo > 0 && f - list[lo - 1].frequency <= list[hi].frequency - f)) {
-      --lo;
-    } else {
-      ++hi;
-    }
+  for (double held = 0.0; held < wanted && hi - lo < list.size();) {  // the nearest lines on either side
+    const bool down = hi == list.size() || (lo > 0 && f - list[lo - 1].frequency <= list[hi].frequency - f);
+    held += down ? list[--lo].freedom : list[hi++].freedom;
   }
   // All of a frequency or none: the order in which experiments come decides nothing.
   while (lo > 0 && list[lo - 1].frequency == list[lo].frequency) --lo;
@@ -61,7 +61,7 @@ double LineNoise::variance(int output, double frequency, int sections) const {
     sum += list[i].sum;
     freedom += list[i].freedom;
   }
-  return freedom > 0.0 ? sum / freedom : std::numeric_limits<double>::quiet_NaN();
+  return {freedom > 0.0 ? sum / freedom : std::numeric_limits<double>::quiet_NaN(), freedom};
 }
 
 std::string Drift::story() const {
@@ -85,11 +85,19 @@ std::vector<HtfEstimate> Identification::select(int m, int output, int input) co
   return r;
 }
 
+const ClassCorrelation* Identification::correlation(int line) const {
+  const auto at = std::lower_bound(classes.begin(), classes.end(), line,
+                                   [](const ClassCorrelation& c, int wanted) { return c.line < wanted; });
+  return at != classes.end() && at->line == line && at->freedom > 0.0 ? &*at : nullptr;
+}
+
 void finish(Identification& id, LineNoise& noise) {
   noise.sort(id.sections);
   for (HtfEstimate& h : id.htf) {
     const double f = static_cast<double>(h.line) / id.period + h.m;
-    h.sigma *= std::sqrt(noise.variance(h.output, f, id.sections));
+    const LineNoise::Pooled pooled = noise.pooled(h.output, f, id.sections);
+    h.sigma *= std::sqrt(pooled.variance);
+    h.freedom = pooled.freedom;
   }
   const auto key = [](const HtfEstimate& h) { return std::array{h.m, h.line, h.output, h.input}; };
   std::stable_sort(id.htf.begin(), id.htf.end(), [&](const auto& a, const auto& b) { return key(a) < key(b); });
@@ -117,6 +125,12 @@ void finish(Identification& id, LineNoise& noise) {
     merged.push_back(sum);
   }
   id.htf = std::move(merged);
+  id.classes.clear();
+  for (const HtfEstimate& h : id.htf) {  // by rising line under each harmonic and output
+    if (noise.classes.empty() || h.m != id.htf.front().m) break;
+    if (!identifiable(h.line, id.period)) continue;
+    if (id.classes.empty() || id.classes.back().line != h.line) id.classes.push_back(noise.classes.correlation(h.line));
+  }
 }
 
 }  // namespace saltus

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "class_correlation.hpp"
 #include "core/spectrum/estimator.hpp"
 #include "hal/lockstep.hpp"
 #include "hal/loopback.hpp"
@@ -20,6 +21,8 @@ namespace saltus {
 inline constexpr int max_harmonics = 8;
 template <int Channels>
 using LineEstimator = HtfEstimator<max_tones, max_harmonics, Channels, 256, 512>;
+template <int Channels>
+using CampaignEstimator = ClassEstimator<max_tones, max_harmonics, Channels, 256, 512>;
 
 // H_m at one line: the input at f = line / period cycles a cycle, the output at f + m.
 struct HtfEstimate {
@@ -31,6 +34,7 @@ struct HtfEstimate {
                                                             // sigma / sqrt 2
   int cycles = 0;                                           // measured cycles it rests on
   int input = 0;                                            // position in the inputs
+  double freedom = 0.0;  // complex degrees of freedom that sigma rests on, its neighbours' included; 0: no repeats
 };
 
 // A machine at hand for an experiment: what lies between here and there is its own affair.
@@ -120,9 +124,18 @@ class LineNoise {
   // `variance`.
   void add(int output, double frequency, double variance, std::int64_t periods);
   void append(const LineNoise& more);
-  // E |Y - mean|^2 of one period near a frequency, folded into [0, sections / 2]; NaN where nothing was measured twice.
-  double variance(int output, double frequency, int sections) const;
+  // E |Y - mean|^2 of one period near a frequency, folded into [0, sections / 2], and the complex degrees of freedom
+  // behind it; NaN where nothing was measured twice.
+  struct Pooled {
+    double variance, freedom;
+  };
+  Pooled pooled(int output, double frequency, int sections) const;
+  double variance(int output, double frequency, int sections) const {
+    return pooled(output, frequency, sections).variance;
+  }
   void sort(int sections);
+
+  ClassScatter classes;  // how the lines of a class scatter together
 
  private:
   struct Entry {
@@ -148,6 +161,7 @@ struct Drift {
 struct Identification {
   int sections = 32, period = 64;
   std::vector<HtfEstimate> htf;
+  std::vector<ClassCorrelation> classes;  // by rising line; what is not there counts as independent
   std::vector<std::string> notes;
   std::vector<Drift> drifts;  // the first of each experiment that had one
   bool watched = false;       // the residual was held against a noise band at all
@@ -161,6 +175,8 @@ struct Identification {
 
   // Values of one harmonic, output and input, by rising line.
   std::vector<HtfEstimate> select(int m, int output, int input = 0) const;
+  // How the estimates of a line err together; null where nothing tells.
+  const ClassCorrelation* correlation(int line) const;
 };
 
 // Takes over the estimator's lines at the end of an experiment; u[k] is the input at tone k [input unit], none where
@@ -224,6 +240,20 @@ void collect_pump(const Estimator& estimator, std::span<const double> baseline, 
       if (repeats >= 2 && s > 0 && 2 * s < sections) {  // the others are real numbers: half the freedom
         noise.add(first_output + c, s, estimator.variance(k, l, c), repeats);
       }
+    }
+  }
+  if constexpr (requires { estimator.covariance(0, 0, 0, 0, 0); }) {
+    const int orders = 2 * estimator.harmonics() + 1;
+    Eigen::MatrixXcd covariance(channels * orders, channels * orders);
+    for (int k = 0; k < estimator.tones() && repeats >= 2; ++k) {
+      if (!identifiable(estimator.tone_line(k), estimator.period())) continue;  // errors there are not circular
+      for (int i = 0; i < channels * orders; ++i) {
+        for (int j = 0; j < channels * orders; ++j) {
+          covariance(i, j) = estimator.covariance(k, i % orders - estimator.harmonics(), i / orders,
+                                                  j % orders - estimator.harmonics(), j / orders);
+        }
+      }
+      noise.classes.add(estimator.tone_line(k), estimator.harmonics(), covariance, static_cast<double>(repeats - 1));
     }
   }
 }

@@ -9,6 +9,7 @@
 
 #include "core/random.hpp"
 #include "core/spectrum/fit.hpp"
+#include "core/trace/statistics.hpp"
 #include "significance.hpp"
 #include "singular_values.hpp"
 
@@ -24,6 +25,7 @@ using Index = Eigen::Index;
 // Responses that share their taps: H_0 of one output, whose taps are real; or, one below the other, H_m and the
 // conjugate of H_-m, which a real system has at the mirrored frequency, -omega: there the taps are complex.
 struct Series {
+  int m = 0, output = 0;
   bool pair = false;
   VectorXcd value;
   VectorXd weight;  // 1 / sigma
@@ -126,6 +128,15 @@ struct Normal {
   double cost = 0.0;
 };
 
+// What a unit error of each weighted value of a series moves the right side by, one column a coefficient.
+MatrixXcd slope_of(const Problem& p, const Series& s, const Projection& complement, const VectorXcd& fitted) {
+  MatrixXcd slope(fitted.size(), p.count);
+  for (Index k = 0; k < p.count; ++k) {
+    slope.col(k) = complement(fitted.cwiseProduct(mirrored(p.power[static_cast<std::size_t>(k) + 1], s.pair)));
+  }
+  return slope;
+}
+
 Normal normal_equations(const Problem& p, const VectorXd& a, bool modelled) {
   Normal n{MatrixXd::Zero(p.count, p.count), VectorXd::Zero(p.count), 0.0};
   const VectorXcd d = denominator(p, a);
@@ -135,10 +146,7 @@ Normal normal_equations(const Problem& p, const VectorXd& a, bool modelled) {
     const VectorXcd residual = complement(y);
     n.cost += residual.squaredNorm();
     const VectorXcd fitted = (modelled ? VectorXcd(y - residual) : y).cwiseQuotient(mirrored(d, s.pair));
-    MatrixXcd slope(residual.size(), p.count);
-    for (Index k = 0; k < p.count; ++k) {
-      slope.col(k) = complement(fitted.cwiseProduct(mirrored(p.power[static_cast<std::size_t>(k) + 1], s.pair)));
-    }
+    const MatrixXcd slope = slope_of(p, s, complement, fitted);
     n.matrix += (slope.adjoint() * slope).real();
     n.rhs -= (slope.adjoint() * residual).real();
   }
@@ -186,6 +194,113 @@ Solution solve(const Problem& p, VectorXd a, int reweightings) {
   return r;
 }
 
+// The estimates of one line: the series and the row where each stands, as its conjugate where `mirrored`, and how their
+// errors go together.
+struct Errors {
+  struct Place {
+    std::size_t series;
+    Index row;
+    bool mirrored;
+  };
+  std::vector<Place> place;
+  MatrixXcd correlation;
+  double own = 0.0;  // complex degrees of freedom of the line's own repeats
+};
+
+std::vector<Errors> errors_of(const Identification& id, const Problem& p, const std::vector<HtfEstimate>& lines) {
+  std::vector<Errors> all;
+  for (Index q = 0; q < p.lines; ++q) {
+    const ClassCorrelation* known = id.correlation(lines[static_cast<std::size_t>(q)].line);
+    if (known == nullptr) return {};
+    Errors e;
+    e.own = known->own;
+    std::vector<Index> rows;
+    const auto enter = [&](std::size_t series, int m, int output, Index row) {
+      e.place.push_back({series, row, m < 0});
+      const bool held = std::abs(m) <= known->harmonics && known->row(m, output) < known->matrix.rows();
+      rows.push_back(held ? known->row(m, output) : -1);
+    };
+    for (std::size_t i = 0; i < p.series.size(); ++i) {
+      const Series& s = p.series[i];
+      enter(i, s.m, s.output, q);
+      if (s.pair) enter(i, -s.m, s.output, p.lines + q);
+    }
+    const auto n = static_cast<Index>(rows.size());
+    e.correlation = MatrixXcd::Identity(n, n);
+    for (Index i = 0; i < n; ++i) {
+      for (Index j = 0; j < n; ++j) {
+        const Index a = rows[static_cast<std::size_t>(i)], b = rows[static_cast<std::size_t>(j)];
+        if (i != j && a >= 0 && b >= 0) e.correlation(i, j) = known->matrix(a, b);
+      }
+    }
+    all.push_back(std::move(e));
+  }
+  return all;
+}
+
+// Covariance of the solution where the errors of a line go together, the weights being those of errors that do not:
+// M^-1 (sum over the lines of S* C S / 2) M^-1 (Eicker, Huber & White). A line's errors are circular, those of
+// different lines independent.
+struct Sandwich {
+  MatrixXd covariance;
+  double freedom = 0.0;  // real, by Satterthwaite's rule: each line tells with what its own repeats do
+};
+
+Sandwich covariance_of(const Problem& p, const Solution& s, const std::vector<Errors>& errors) {
+  const VectorXcd d = denominator(p, s.a);
+  std::vector<MatrixXcd> slope;
+  MatrixXd matrix = MatrixXd::Zero(p.count, p.count), middle = matrix;
+  for (const Series& one : p.series) {
+    const Projection complement(p, one, d);
+    const VectorXcd y = one.weight.cast<Complex>().cwiseProduct(one.value);
+    slope.push_back(slope_of(p, one, complement, VectorXcd(y - complement(y)).cwiseQuotient(mirrored(d, one.pair))));
+    matrix += (slope.back().adjoint() * slope.back()).real();
+  }
+  const auto parts = [&](const Errors& e) -> MatrixXd {
+    MatrixXcd rows(static_cast<Index>(e.place.size()), p.count);
+    for (std::size_t i = 0; i < e.place.size(); ++i) {
+      const auto row = slope[e.place[i].series].row(e.place[i].row);
+      rows.row(static_cast<Index>(i)) = row;
+      if (e.place[i].mirrored) rows.row(static_cast<Index>(i)) = row.conjugate();
+    }
+    return 0.5 * (rows.adjoint() * e.correlation * rows).real();
+  };
+  const MatrixXd inverse = matrix.inverse();
+  double sum = 0.0, square = 0.0;
+  for (const Errors& e : errors) {
+    const MatrixXd part = parts(e);
+    const double size = (inverse * part * inverse).trace();
+    middle += part;
+    sum += size;
+    square += size * size / std::max(1.0, e.own);
+  }
+  return {inverse * middle * inverse, 2.0 * sum * sum / square};
+}
+
+// Noise of every series in units of its sigma, as the errors go together or, where nothing tells, independent.
+std::vector<VectorXcd> draw(const Problem& p, const std::vector<Errors>& errors, Random& random) {
+  const auto circular = [&] {
+    const double re = random.normal(), im = random.normal();
+    return std::sqrt(0.5) * Complex{re, im};
+  };
+  std::vector<VectorXcd> noise;
+  for (const Series& s : p.series) {
+    noise.emplace_back(s.value.size());
+    for (Index q = 0; errors.empty() && q < s.value.size(); ++q) noise.back()[q] = circular();
+  }
+  for (const Errors& e : errors) {
+    const Index n = e.correlation.rows();
+    VectorXcd z(n);
+    for (Index i = 0; i < n; ++i) z[i] = circular();
+    z = (ClassCorrelation{0, 0, 0.0, 0.0, e.correlation}.root() * z).eval();
+    for (std::size_t i = 0; i < e.place.size(); ++i) {
+      const Complex x = z[static_cast<Index>(i)];
+      noise[e.place[i].series][e.place[i].row] = e.place[i].mirrored ? std::conj(x) : x;
+    }
+  }
+  return noise;
+}
+
 std::vector<Complex> roots_of(const VectorXd& a) {
   const auto copy = [&](auto coefficients) {
     for (std::size_t k = 0; k < coefficients.size(); ++k) coefficients[k] = a[static_cast<Index>(k)];
@@ -218,16 +333,25 @@ double distance(const Eigen::Matrix2d& covariance, Complex d) {  // Mahalanobis,
 
 double MultiplierRegion::sigma(std::size_t i) const { return std::sqrt(covariance[i].trace()); }
 
+// Hotelling's T^2 of two dimensions, whose quantile is closed.
+double MultiplierRegion::reach(double level) const {
+  if (!(known < 1e6)) return std::sqrt(-2.0 * std::log1p(-level));
+  const double f = std::max(2.0, known);
+  return std::sqrt(f * std::expm1(-2.0 * std::log1p(-level) / (f - 1.0)));
+}
+
 namespace {
 // An ellipse of two dimensions, or an interval where the multiplier is real.
-bool inside(const Eigen::Matrix2d& covariance, Complex centre, Complex z, double level) {
-  if (!on_the_axis(covariance)) return distance(covariance, z - centre) < -2.0 * std::log1p(-level);
-  return std::erf(std::abs(z.real() - centre.real()) / std::sqrt(2.0 * covariance(0, 0))) < level;
+bool inside(const Eigen::Matrix2d& covariance, Complex centre, Complex z, double level, double reach, double known) {
+  if (!on_the_axis(covariance)) return distance(covariance, z - centre) < reach * reach;
+  const double t = std::abs(z.real() - centre.real()) / std::sqrt(covariance(0, 0));
+  if (!(known < 1e6)) return std::erf(t / std::sqrt(2.0)) < level;
+  return 2.0 * student_tail(t, known) > 1.0 - level;
 }
 }  // namespace
 
 bool MultiplierRegion::holds(std::size_t i, Complex z, double level) const {
-  return inside(covariance[i], multipliers[i], z, level);
+  return inside(covariance[i], multipliers[i], z, level, reach(level), known);
 }
 
 bool MultiplierRegion::holds_by_bootstrap(std::size_t i, Complex z, double level) const {
@@ -236,7 +360,7 @@ bool MultiplierRegion::holds_by_bootstrap(std::size_t i, Complex z, double level
     const Eigen::Vector2d d(r[i].real() - multipliers[i].real(), r[i].imag() - multipliers[i].imag());
     c += d * d.transpose() / static_cast<double>(replicates.size());
   }
-  return inside(c, multipliers[i], z, level);
+  return inside(c, multipliers[i], z, level, reach(level), known);
 }
 
 namespace {
@@ -278,7 +402,7 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   const Index taps = (o.count + 1) * id.sections;
   if (2 * p.lines < taps + 4 * o.count) return region;
   for (const auto& [m, c] : responses(id, outputs, o)) {
-    Series s{m > 0, VectorXcd(m > 0 ? 2 * p.lines : p.lines), VectorXd(m > 0 ? 2 * p.lines : p.lines)};
+    Series s{m, c, m > 0, VectorXcd(m > 0 ? 2 * p.lines : p.lines), VectorXd(m > 0 ? 2 * p.lines : p.lines)};
     bool complete = true;
     for (const int order : m > 0 ? std::vector<int>{m, -m} : std::vector<int>{0}) {
       const auto list = select(order, c);
@@ -320,8 +444,14 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
     while (kept < taps && svd.sigma[kept] > 1e-7 * svd.sigma[0]) ++kept;
     p.taps = svd.u.leftCols(kept);
   }
-  const Solution s = solve(p, VectorXd::Zero(o.count), 20);
+  Solution s = solve(p, VectorXd::Zero(o.count), 20);
   if (!s.ok) return region;
+  const std::vector<Errors> errors = known ? errors_of(id, p, first) : std::vector<Errors>{};
+  if (!errors.empty()) {
+    const Sandwich told = covariance_of(p, s, errors);
+    s.covariance = told.covariance;
+    region.known = told.freedom;
+  }
   for (const Series& one : p.series) region.series += one.pair ? 2 : 1;
   region.multipliers = roots_of(s.a);
   region.chi_square = 2.0 * s.cost;
@@ -351,10 +481,10 @@ MultiplierRegion multiplier_region(const Identification& id, int outputs, const 
   }
   for (int b = 0; b < o.replicates; ++b) {
     Problem drawn = p;
+    const std::vector<VectorXcd> noise = draw(p, errors, random);
     for (std::size_t i = 0; i < drawn.series.size(); ++i) {
       for (Index q = 0; q < fitted[i].size(); ++q) {
-        const double re = random.normal(), im = random.normal();
-        drawn.series[i].value[q] = fitted[i][q] + std::sqrt(0.5 * scale) / p.series[i].weight[q] * Complex{re, im};
+        drawn.series[i].value[q] = fitted[i][q] + std::sqrt(scale) / p.series[i].weight[q] * noise[i][q];
       }
     }
     const Solution again = solve(drawn, s.a, 0);

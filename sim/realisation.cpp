@@ -75,12 +75,25 @@ Eigen::VectorXd scales(const HtfTable& t, const std::vector<MatrixXcd>& g) {
 
 std::vector<MatrixXcd> noise_like(const HtfTable& t, Random& random) {
   std::vector<MatrixXcd> e;
-  for (const MatrixXd& s : t.sigma) {
-    MatrixXcd x(s.rows(), s.cols());
-    for (Index i = 0; i < s.rows(); ++i) {
-      for (Index c = 0; c < s.cols(); ++c) {
-        const double re = random.normal(), im = random.normal();
-        x(i, c) = s(i, c) / std::numbers::sqrt2 * Complex{re, im};
+  const auto circular = [&] {
+    const double re = random.normal(), im = random.normal();
+    return Complex{re, im} / std::numbers::sqrt2;
+  };
+  for (std::size_t q = 0; q < t.sigma.size(); ++q) {
+    const MatrixXd& s = t.sigma[q];
+    MatrixXcd x = MatrixXcd::Zero(s.rows(), s.cols());
+    if (t.errors.empty()) {
+      for (Index i = 0; i < s.rows(); ++i) {
+        for (Index c = 0; c < s.cols(); ++c) x(i, c) = s(i, c) * circular();
+      }
+    } else {
+      const ClassCorrelation& own = t.errors[q];
+      Eigen::VectorXcd z(own.matrix.rows());
+      for (Complex& one : z) one = circular();
+      z = (own.root() * z).eval();
+      for (int m = -own.harmonics; m <= own.harmonics; ++m) {
+        const auto row = static_cast<Index>(wrap(m, t.sections));
+        for (int c = 0; c < t.outputs; ++c) x(row, c) = s(row, c) * z[own.row(m, c)];
       }
     }
     e.push_back(x);
@@ -281,6 +294,12 @@ HtfTable table_of(const Identification& id, int outputs) {
     t.value[where->second](m, h.output) = h.value;
     t.sigma[where->second](m, h.output) = std::isfinite(h.sigma) ? h.sigma : 0.0;
   }
+  for (const auto& [line, q] : place) {
+    const ClassCorrelation* errors = id.correlation(line);
+    if (errors == nullptr || errors->matrix.rows() != (2 * errors->harmonics + 1) * outputs) return t;
+  }
+  t.errors.resize(t.omega.size());
+  for (const auto& [line, q] : place) t.errors[q] = *id.correlation(line);
   return t;
 }
 
@@ -449,6 +468,49 @@ std::string realisation_json(const Realisation& r) {
     j["multipliers"].push_back(z);
   }
   return j.dump(1) + "\n";
+}
+
+PeriodicModel periodic_model_of(const std::string& text) {
+  constexpr Index most = 256;
+  const auto refuse = [](const std::string& why) { throw std::invalid_argument(why); };
+  const nlohmann::json j = nlohmann::json::parse(text, nullptr, false);
+  for (const char* key : {"sections_per_cycle", "outputs", "dim", "A", "B", "C"}) {
+    if (!j.is_object() || !j.contains(key)) refuse(std::string("it is no state-space model in JSON: no '") + key + "'");
+  }
+  PeriodicModel r;
+  try {
+    r.sections = j.at("sections_per_cycle");
+    r.outputs = j.at("outputs");
+    const std::vector<Index> dim = j.at("dim");
+    const std::size_t sections = dim.size();
+    const auto sensible = [](Index d) { return d >= 0 && d <= most; };
+    if (r.sections < 1 || sections != at(r.sections)) refuse("'dim' has not one number for each section");
+    if (r.outputs < 1 || !sensible(r.outputs) || !std::all_of(dim.begin(), dim.end(), sensible)) {
+      refuse("'outputs' or 'dim' has a number that is none of outputs or states");
+    }
+    const auto read = [&](const char* name, std::size_t n, Index rows, Index cols) {
+      const std::vector<std::vector<double>> given = j.at(name).at(n);
+      const auto fits = [&](const std::vector<double>& row) { return row.size() == at(cols); };
+      if (given.size() != at(rows) || !std::all_of(given.begin(), given.end(), fits)) {
+        refuse(std::string(name) + " of section " + std::to_string(n) + " is not " + std::to_string(rows) + " x " +
+               std::to_string(cols));
+      }
+      MatrixXd m(rows, cols);
+      for (Index i = 0; i < rows; ++i) {
+        for (Index k = 0; k < cols; ++k) m(i, k) = given[at(i)][at(k)];
+      }
+      return m;
+    };
+    for (std::size_t n = 0; n < sections; ++n) {
+      const Index next = dim[(n + 1) % sections];
+      r.A.push_back(read("A", n, next, dim[n]));
+      r.B.push_back(read("B", n, next, 1));
+      r.C.push_back(read("C", n, r.outputs, dim[n]));
+    }
+  } catch (const nlohmann::json::exception& e) {
+    refuse(e.what());
+  }
+  return r;
 }
 
 std::string realisation_csv(const Realisation& r) {

@@ -21,8 +21,9 @@ namespace saltus {
 struct HtfTable {
   int sections = 0, outputs = 0;
   std::vector<double> omega;
-  std::vector<Eigen::MatrixXcd> value;  // (N x ny) each
-  std::vector<Eigen::MatrixXd> sigma;   // (N x ny) each
+  std::vector<Eigen::MatrixXcd> value;   // (N x ny) each
+  std::vector<Eigen::MatrixXd> sigma;    // (N x ny) each
+  std::vector<ClassCorrelation> errors;  // how those of each omega go together; empty: independent
 };
 
 HtfTable table_of(const Identification& id, int outputs);
@@ -114,6 +115,8 @@ Realisation realise(const Identification& id, int outputs, const RealisationOpti
 // {"sections_per_cycle", "dim", "A", "B", "C", "rank", "multipliers", ...} and `matrix,section,row,column,value`.
 std::string realisation_json(const Realisation& r);
 std::string realisation_csv(const Realisation& r);
+// The model back from that JSON. Throws std::invalid_argument, saying what is wrong with it.
+PeriodicModel periodic_model_of(const std::string& json);
 
 // Copies into fixed-size storage for the loop; false when a dimension is above NX or the numbers of sections and
 // outputs differ.

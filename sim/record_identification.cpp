@@ -145,6 +145,44 @@ std::int64_t count_missing(const Grid& grid, std::int64_t begin, std::int64_t en
   return n;
 }
 
+// The lines of all outputs, stimulus period by stimulus period, to see how they scatter together.
+class Periods {
+ public:
+  Periods(std::size_t tones, int harmonics, std::size_t outputs)
+      : tones_(tones), orders_(2 * harmonics + 1), outputs_(static_cast<Eigen::Index>(outputs)) {}
+
+  // What an estimator of one output has at the end of a period.
+  void take(std::int64_t period, const LineEstimator<1>& estimator, std::size_t output) {
+    auto& [lines, filled] = of_[period];
+    lines.resize(tones_, Eigen::VectorXcd::Zero(orders_ * outputs_));
+    ++filled;
+    for (std::size_t k = 0; k < tones_; ++k) {
+      for (int i = 0; i < orders_; ++i) {
+        lines[k][static_cast<Eigen::Index>(output) * orders_ + i] =
+            estimator.line(static_cast<int>(k), i - estimator.harmonics(), 0);
+      }
+    }
+  }
+  // Periods of which every output that there is was measured. On half multiples of the pumping frequency errors are
+  // not circular, and no covariance alone tells how they go together.
+  void give(ClassScatter& to, std::span<const int> tones, int cycles, int outputs) const {
+    for (std::size_t k = 0; k < tones_; ++k) {
+      if (!identifiable(tones[k], cycles)) continue;
+      std::vector<Eigen::VectorXcd> whole;
+      for (const auto& [period, of] : of_) {
+        if (of.second == outputs) whole.push_back(of.first[k]);
+      }
+      to.add(tones[k], (orders_ - 1) / 2, whole);
+    }
+  }
+
+ private:
+  std::size_t tones_;
+  int orders_;
+  Eigen::Index outputs_;
+  std::map<std::int64_t, std::pair<std::vector<Eigen::VectorXcd>, int>> of_;
+};
+
 }  // namespace
 
 Identification identify_record(const Record& record, int harmonics) {
@@ -212,26 +250,35 @@ Identification identify_record(const Record& record, int harmonics) {
     id.samples += p.end - p.begin;
     id.missing += count_missing(p.grid, p.begin, p.end);
     equations.begin(tones.tones);
+    std::vector<Periods> periods;  // of the tones that are followed at a time
+    for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
+      periods.emplace_back(std::min<std::size_t>(max_tones, tones.lines.size() - from), harmonics,
+                           p.grid.outputs.size());
+    }
+    int measured = 0;
     for (std::size_t c = 0; c < p.grid.outputs.size(); ++c) {
       const std::vector<double>& y = p.grid.outputs[c];
       const std::vector<double> cycle = mean_cycle(y, p.begin, p.end, sections);
       std::vector<Estimator::Sample> baseline;
       for (const double v : cycle) baseline.push_back({v});
       // What the configured estimator makes of the output; false where nothing was measured of it.
-      const auto listen = [&](Status configured) {
+      const auto listen = [&](Status configured, Periods* one_by_one) {
         if (configured != Status::ok || estimator->set_baseline(baseline) != Status::ok) {
           refuse("the estimator cannot take it", "thin the record");
         }
         for (std::int64_t i = p.begin; i < p.end; ++i) {
+          const std::int64_t before = estimator->periods();
           const Status s = estimator->push(p.first_sample + i, {y[static_cast<std::size_t>(i)]});
           id.worst = worse(id.worst, s);
+          if (one_by_one != nullptr && estimator->periods() != before)
+            one_by_one->take((i - p.begin) / length, *estimator, c);
         }
         return estimator->holes() < length;
       };
       for (std::size_t from = 0; from < tones.lines.size(); from += max_tones) {
         const std::size_t n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
         const std::span<const int> lines(tones.lines.data() + from, n);
-        const bool heard = listen(estimator->configure(sections, period, lines, harmonics));
+        const bool heard = listen(estimator->configure(sections, period, lines, harmonics), &periods[from / max_tones]);
         const int holes = estimator->holes();
         if (holes > 0 && from == 0) {
           id.notes.push_back("experiment " + std::to_string(p.id) + ": " + std::to_string(holes) + " of the " +
@@ -239,12 +286,17 @@ Identification identify_record(const Record& record, int harmonics) {
                              record.outputs[c].name + (heard ? " and count as undisturbed" : ", which is left out"));
         }
         if (!heard) continue;
+        measured += from == 0;
         const auto u = std::span<const Complex>(tones.u).subspan(tones.u.empty() ? 0 : from, tones.u.empty() ? 0 : n);
         collect(*estimator, u, static_cast<int>(c), 1, id, noise, equations);
       }
-      if (pumped && listen(follow_pump(*estimator, sections, period))) {
+      if (pumped && listen(follow_pump(*estimator, sections, period), nullptr)) {
         collect_pump(*estimator, cycle, static_cast<int>(c), 1, noise, equations);
       }
+    }
+    for (std::size_t i = 0; i < periods.size(); ++i) {
+      const std::size_t from = i * max_tones, n = std::min<std::size_t>(max_tones, tones.lines.size() - from);
+      periods[i].give(noise.classes, std::span<const int>(tones.lines.data() + from, n), period, measured);
     }
   }
   equations.solve(harmonics, id);

@@ -18,7 +18,9 @@ std::vector<HarmonicTest> test_harmonics(const Identification& id, double level)
     t.m = h.m;
     t.output = h.output;
     ++t.lines;
-    t.mean_square += std::norm(h.value) / (h.sigma * h.sigma);
+    // The mean of 1 / sigma^2, known to so many degrees of freedom, is larger than it should be by as much.
+    const double excess = h.freedom > 1.0 ? h.freedom / (h.freedom - 1.0) : 1.0;
+    t.mean_square += std::norm(h.value) / (h.sigma * h.sigma * excess);
     t.norm += std::norm(h.value) - h.sigma * h.sigma;
     freedom[{h.m, h.output}] += std::max(0.0, static_cast<double>(h.cycles) / id.period - 1.0);
   }

@@ -47,7 +47,7 @@ MultiplierRegion report_regions(const Identified& r, const ConfidenceOptions& o,
                 region.chi_square / region.freedom, region.series);
   }
   // Half axes of the ellipse along the real and the imaginary direction.
-  const double reach = std::sqrt(-2.0 * std::log1p(-o.level));
+  const double reach = region.reach(o.level);
   for (std::size_t i = 0; i < region.multipliers.size(); ++i) {
     const Complex z = region.multipliers[i];
     const auto& c = region.covariance[i];
@@ -55,7 +55,8 @@ MultiplierRegion report_regions(const Identified& r, const ConfidenceOptions& o,
                        {"im", z.imag()},
                        {"sigma", region.sigma(i)},
                        {"level", o.level},
-                       {"covariance", {c(0, 0), c(0, 1), c(1, 1)}}};
+                       {"covariance", {c(0, 0), c(0, 1), c(1, 1)}},
+                       {"freedom", std::isfinite(region.known) ? nlohmann::json(region.known) : nullptr}};
     double scatter = 0.0;
     for (const auto& b : region.replicates)
       scatter += std::norm(b[i] - z) / static_cast<double>(region.replicates.size());

@@ -15,6 +15,7 @@ struct Options {
   PlanOptions plan;
   CoverageOptions coverage;
   int experiments = 1000;
+  std::vector<std::string> kinds = {"white", "coloured", "process"};
   std::string json;
 };
 
@@ -31,7 +32,8 @@ void run(const M& m, const Options& given) {
   } catch (const std::invalid_argument& e) {
     throw UsageError(e.what());
   }
-  const int cases = o.sections.family == "both" ? 4 : 2;
+  const double process = o.coverage.process;
+  const int cases = (o.sections.family == "both" ? 2 : 1) * static_cast<int>(o.kinds.size());
   o.coverage.trials = std::max(1, o.experiments / cases);
   nlohmann::json json = nlohmann::json::array();
   const bool quiet = o.json == "-";
@@ -43,16 +45,17 @@ void run(const M& m, const Options& given) {
                 "rms error", "standard error");
   }
   o.sections.visit<M>([&](const auto& family) {
-    for (const double colour : {0.0, 0.8}) {
+    for (const std::string& kind : o.kinds) {
       CoverageOptions c = o.coverage;
-      c.colour = colour;
+      c.colour = kind == "coloured" ? 0.8 : 0.0;
+      c.process = kind == "process" ? process : 0.0;
       c.seed = o.plan.seed + (static_cast<std::uint64_t>(json.size()) << 32);  // no two cases share their draws
-      Progress progress(std::string(title_of(family)) + (colour > 0.0 ? ", coloured noise" : ", white noise"));
+      Progress progress(std::string(title_of(family)) + ", " + kind + " noise");
       const Coverage r = cover(m, family, plan, c, [&](double fraction) { progress.at(fraction); });
       if (r.lines == 0) throw RunError(std::string(M::name) + ": no limit cycle to experiment on; change --set");
       json.push_back({{"model", M::name},
                       {"sections", name_of(family)},
-                      {"noise", colour > 0.0 ? "coloured" : "white"},
+                      {"noise", kind},
                       {"trials", c.trials},
                       {"failed", r.failed},
                       {"lines", r.lines},
@@ -63,9 +66,9 @@ void run(const M& m, const Options& given) {
                       {"multiplier_rms_error", r.error},
                       {"multiplier_sigma", r.sigma}});
       if (!quiet) {
-        std::printf("  %-18s%-10s%12.2f %%%14.1f +- %3.1f %%%16.2e%16.2e\n", title_of(family),
-                    colour > 0.0 ? "coloured" : "white", 100.0 * r.line_rate(), 100.0 * r.multiplier_rate(),
-                    100.0 * r.multiplier_rate_sigma(c.level), r.error, r.sigma);
+        std::printf("  %-18s%-10s%12.2f %%%14.1f +- %3.1f %%%16.2e%16.2e\n", title_of(family), kind.c_str(),
+                    100.0 * r.line_rate(), 100.0 * r.multiplier_rate(), 100.0 * r.multiplier_rate_sigma(c.level),
+                    r.error, r.sigma);
       }
     }
   });
@@ -77,12 +80,15 @@ void run(const M& m, const Options& given) {
 void add_coverage(CLI::App& app) {
   auto* command = app.add_subcommand("coverage", "How often intervals hold the truth, over many noisy campaigns");
   command->footer(
-      "White noise, and noise of an autoregression with pole 0.8 and the same standard deviation. Beside the rate of "
-      "the\n"
-      "multipliers stands the standard error that so many campaigns leave.\n"
+      "Noise of the outputs, white, and coloured by a pole of 0.8 at the same standard deviation; and process noise: "
+      "a\n"
+      "random force where the input acts, held from section to section, which goes through the machine, beside white\n"
+      "noise of the outputs. Beside the rate of the multipliers stands the standard error that so many campaigns "
+      "leave.\n"
       "Example: saltus coverage hopper --experiments 1000");
   auto o = std::make_shared<Options>();
   o->coverage.noise = {1e-3, 6e-3};
+  o->coverage.process = 0.03;
   o->sections.family = "both";
   o->model.add_to(*command);
   o->sections.add_to(*command, true);
@@ -99,6 +105,15 @@ void add_coverage(CLI::App& app) {
   command->add_option("--noise", o->coverage.noise, "standard deviation of each output, in its unit")
       ->delimiter(',')
       ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command
+      ->add_option("--process", o->coverage.process,
+                   "standard deviation of the random force of process noise, in the unit of the input")
+      ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command->add_option("--kinds", o->kinds, "kinds of noise: white, coloured, process")
+      ->delimiter(',')
+      ->check(CLI::IsMember({"white", "coloured", "process"}))
       ->capture_default_str();
   command->add_option("--json", o->json, "write JSON to FILE, - for standard output")->type_name("FILE");
   command->callback([o] {

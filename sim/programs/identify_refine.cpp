@@ -22,7 +22,9 @@ void refine(Identified& r, const Record& record, const IdentifyOptions& o, const
     r.transient = remove_transient(*without, std::clamp(static_cast<int>(multipliers.size()), 1, 2), choice);
   }
   if (r.transient && r.transient->removed) {
-    r.id.htf = identify_record(*without, o.campaign.harmonics).htf;
+    Identification again = identify_record(*without, o.campaign.harmonics);
+    r.id.htf = std::move(again.htf);
+    r.id.classes = std::move(again.classes);
     for (HtfEstimate& h : r.id.htf) h.sigma *= r.transient->inflation;
   }
   if (r.sections != "clock") return;  // an event has no instant of its own to be missed

@@ -174,6 +174,7 @@ nlohmann::json json_of(const Identified& r) {
                         {"re", h.value.real()},
                         {"im", h.value.imag()},
                         {"sigma", finite(h.sigma)},
+                        {"freedom", h.freedom},
                         {"coherence", finite(coherence_of(h, r.id.period))},
                         {"cycles", h.cycles}});
     if (several) j["htf"].back()["input"] = r.inputs[at(h.input)];
@@ -277,19 +278,25 @@ void print_multipliers(const Identified& r) {
 }
 
 void print_standard_errors(const Identified& r) {
-  std::printf("  %-8s%-6s%12s%14s%14s%14s\n", "output", "m", "lines", "largest |H|", "at f", "median sigma");
+  std::printf("  %-8s%-6s%12s%14s%14s%14s%10s\n", "output", "m", "lines", "largest |H|", "at f", "median sigma",
+              "freedom");
   for (std::size_t i = 0; i < r.outputs.size() * r.inputs.size(); ++i) {
     const auto output = static_cast<int>(i / r.inputs.size()), input = static_cast<int>(i % r.inputs.size());
     for (const int m : {-1, 0, 1}) {
       const auto list = r.id.select(m, output, input);
       if (list.empty()) continue;
       std::vector<double> sigma;
-      for (const HtfEstimate& h : list) sigma.push_back(h.sigma);
+      double freedom = list.front().freedom;  // the least, complex degrees
+      for (const HtfEstimate& h : list) {
+        sigma.push_back(h.sigma);
+        freedom = std::min(freedom, h.freedom);
+      }
       std::nth_element(sigma.begin(), sigma.begin() + static_cast<std::ptrdiff_t>(sigma.size() / 2), sigma.end());
       const auto n = r.norms(m, output, input);
       const double median = sigma[sigma.size() / 2];
-      std::printf("  %-8s%-6d%12zu%14.6g%14.4f%14s\n", r.name_of(output, input).c_str(), m, list.size(), n.largest,
-                  n.largest_f, std::isfinite(median) ? number(median, "%.3g").c_str() : "no repeats");
+      std::printf("  %-8s%-6d%12zu%14.6g%14.4f%14s%10s\n", r.name_of(output, input).c_str(), m, list.size(), n.largest,
+                  n.largest_f, std::isfinite(median) ? number(median, "%.3g").c_str() : "no repeats",
+                  freedom > 0.0 ? number(freedom, "%.0f").c_str() : "-");
     }
   }
   if (!r.has_exact) return;

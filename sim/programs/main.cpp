@@ -16,6 +16,7 @@ int main(int argc, char** argv) {
   add_htf(app);
   add_design(app);
   add_identify(app);
+  add_control(app);
   add_coverage(app);
   add_diagnose(app);
   add_rig(app);

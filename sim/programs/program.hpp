@@ -32,6 +32,7 @@ void add_htf(CLI::App& app);
 void add_design(CLI::App& app);
 void add_identify(CLI::App& app);
 void add_coverage(CLI::App& app);
+void add_control(CLI::App& app);
 void add_diagnose(CLI::App& app);
 void add_rig(CLI::App& app);
 void add_log(CLI::App& app);

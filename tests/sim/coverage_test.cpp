@@ -47,6 +47,25 @@ TEST_CASE("intervals hold the truth as often as they promise: kinematic, coloure
   promises_are_kept(small(KinematicPhases{32}, 0.7, 60), 0.006);
 }
 
+TEST_CASE("intervals hold the truth as often as they promise: isochrons, process noise", "[coverage]") {
+  // A stimulus twenty times as long as the machine remembers, for the noise of one period is to know none of the
+  // next's.
+  PlanOptions p;
+  p.band = 2.0;
+  CoverageOptions o;
+  o.trials = 30;
+  o.noise = {3e-4, 2e-3};
+  o.process = 0.03;  // [N]
+  const Coverage r = cover(Hopper<>{}, ClockPhases{32}, make_plan(p), o);
+  CHECK(r.failed == 0);
+  REQUIRE(r.lines == 30 * 124 * 7 * 2);
+  // Errors of the fourteen estimates of a line go together: as if there were half as many, at least.
+  CHECK(std::abs(r.line_rate() - 0.95) < 0.015);
+  REQUIRE(r.multipliers == 30);
+  CHECK(r.multipliers_inside >= 25);  // 28.5 +- 1.2
+  CHECK(std::abs(r.error / r.sigma - 1.0) < 0.25);
+}
+
 TEST_CASE("coloured noise keeps its variance and its correlation", "[coverage]") {
   ColouredNoise source(0.8, 3);
   double last = source(), square = 0.0, lagged = 0.0;

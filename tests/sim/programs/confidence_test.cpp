@@ -111,14 +111,15 @@ TEST_CASE("a model of some harmonics says what the others cost it", "[confidence
 }
 
 TEST_CASE("the table of coverage draws every case anew", "[confidence]") {
-  const Json j = run({"coverage", "hopper", "--period", "16", "--amplitude", "0.02", "--experiments", "12"});
-  REQUIRE(j.size() == 4);
+  const Json j = run({"coverage", "hopper", "--period", "16", "--amplitude", "0.02", "--experiments", "18"});
+  REQUIRE(j.size() == 6);
   for (std::size_t i = 0; i < j.size(); ++i) {
     CHECK(j[i]["trials"] == 3);
     CHECK(j[i]["failed"] == 0);
     CHECK(j[i]["multipliers"] == 3);
     CHECK(j[i]["lines"] == 3 * 140 * 7 * 2);
-    CHECK(std::abs(j[i]["lines_inside"].get<double>() - 0.95) < 0.02);  // of 5880: 0.3 %, one standard error
+    // Of 5880: 0.3 %, one standard error; fourteen times as few where those of a line err together.
+    CHECK(std::abs(j[i]["lines_inside"].get<double>() - 0.95) < (j[i]["noise"] == "process" ? 0.04 : 0.02));
     CHECK(std::abs(j[i]["multipliers_inside_sigma"].get<double>() - std::sqrt(0.95 * 0.05 / 3.0)) < 1e-12);
     for (std::size_t k = 0; k < i; ++k) CHECK(j[i]["multiplier_rms_error"] != j[k]["multiplier_rms_error"]);
   }
