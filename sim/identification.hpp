@@ -210,6 +210,20 @@ void collect(const Estimator& estimator, std::span<const Complex> u, int first_o
       }
     }
   }
+  if constexpr (requires { estimator.covariance(0, 0, 0, 0, 0); }) {
+    const int orders = 2 * estimator.harmonics() + 1;
+    Eigen::MatrixXcd covariance(channels * orders, channels * orders);
+    for (int k = 0; k < estimator.tones() && repeats >= 2; ++k) {
+      if (!identifiable(estimator.tone_line(k), estimator.period())) continue;  // errors there are not circular
+      for (int i = 0; i < channels * orders; ++i) {
+        for (int j = 0; j < channels * orders; ++j) {
+          covariance(i, j) = estimator.covariance(k, i % orders - estimator.harmonics(), i / orders,
+                                                  j % orders - estimator.harmonics(), j / orders);
+        }
+      }
+      noise.classes.add(estimator.tone_line(k), estimator.harmonics(), covariance, static_cast<double>(repeats - 1));
+    }
+  }
 }
 
 // Lets an estimator follow the multiples of the pumping frequency 0 ... N / 2, on which the machine's own cycle lies.
@@ -240,20 +254,6 @@ void collect_pump(const Estimator& estimator, std::span<const double> baseline, 
       if (repeats >= 2 && s > 0 && 2 * s < sections) {  // the others are real numbers: half the freedom
         noise.add(first_output + c, s, estimator.variance(k, l, c), repeats);
       }
-    }
-  }
-  if constexpr (requires { estimator.covariance(0, 0, 0, 0, 0); }) {
-    const int orders = 2 * estimator.harmonics() + 1;
-    Eigen::MatrixXcd covariance(channels * orders, channels * orders);
-    for (int k = 0; k < estimator.tones() && repeats >= 2; ++k) {
-      if (!identifiable(estimator.tone_line(k), estimator.period())) continue;  // errors there are not circular
-      for (int i = 0; i < channels * orders; ++i) {
-        for (int j = 0; j < channels * orders; ++j) {
-          covariance(i, j) = estimator.covariance(k, i % orders - estimator.harmonics(), i / orders,
-                                                  j % orders - estimator.harmonics(), j / orders);
-        }
-      }
-      noise.classes.add(estimator.tone_line(k), estimator.harmonics(), covariance, static_cast<double>(repeats - 1));
     }
   }
 }

@@ -1,12 +1,14 @@
 # Reads every include of the tree and fails on an upward one:  cmake -D ROOT=<tree> -P layering.cmake
 #   core <- hal <- sim <- {tests, bench};   in core: top <- hybrid <- flow <- orbit <- spectrum <- trace
-# core knows Eigen and the parts of the standard library that neither allocate, throw, lock nor do I/O.
+# core knows Eigen, the processor's intrinsics, and the parts of the standard library that neither allocate, throw, lock
+# nor do I/O.
 cmake_minimum_required(VERSION 3.25)
 
 set(rooms core hal sim tests bench)
 set(chapters hybrid flow orbit spectrum trace)
 set(top_level CMakeLists.txt CMakePresets.json LICENSE README.md ${rooms})
 set(eigen_in_core "^Eigen/[A-Za-z]+$")
+set(intrinsics_in_core "^[a-z]+intrin\\.h$")
 set(not_in_core any condition_variable deque exception filesystem forward_list fstream functional future iomanip ios
     iosfwd iostream istream list locale map memory memory_resource mutex new ostream queue random ranges regex set
     shared_mutex sstream stack stdexcept stop_token streambuf string syncstream system_error thread typeindex typeinfo
@@ -82,7 +84,7 @@ function(check_include file line)
     endif()
   elseif(name MATCHES "^(saltus|core|hal|sim|tests|bench)/" OR name MATCHES "^\\.\\.?/")
     set(complaint "names no file")
-  elseif(file MATCHES "^core/" AND NOT name MATCHES "${eigen_in_core}"
+  elseif(file MATCHES "^core/" AND NOT name MATCHES "${eigen_in_core}" AND NOT name MATCHES "${intrinsics_in_core}"
          AND (NOT name MATCHES "^[a-z_]+$" OR name IN_LIST not_in_core))
     set(complaint "is not for core")
   endif()

@@ -62,7 +62,8 @@ std::unique_ptr<Machine> as_recorded(const Machine& machine, const Record& recor
     const auto named = [&](const auto& c) { return c.name == machine.outputs[j].name; };
     if (std::any_of(record.outputs.begin(), record.outputs.end(), named)) seen.push_back(j);
   }
-  if (seen.empty() || seen.size() == machine.outputs.size()) return nullptr;
+  // One that the model does not know may be what it calls otherwise.
+  if (seen.size() < record.outputs.size() || seen.empty() || seen.size() == machine.outputs.size()) return nullptr;
   return std::make_unique<PartlySeen>(machine, std::move(seen));
 }
 
