@@ -204,7 +204,7 @@ TEST_CASE("records that are not of this machine are refused with the reason", "[
   for (double& u : r.inputs[0].values) u *= 1000.0;
   refused(r, "multiply the column by 0.001 to have it in N");
   r = good;
-  r.outputs.pop_back();
+  r.outputs[1].name = "v";
   refused(r, "no output 'v_M'");
   r = good;
   r.outputs[0].unit = "mm";
@@ -249,4 +249,16 @@ TEST_CASE("steps far coarser than the noise: nothing is invented, and an effect 
   CHECK(d.effects[0].name == "viscous_damper@leg");
   CHECK(std::abs(d.effects[0].value - 0.3) < d.effects[0].high - d.effects[0].low);  // four standard errors
   CHECK(d.effects[0].high - d.effects[0].low < 0.15);
+}
+
+TEST_CASE("an output that was not recorded is not compared, and the others still tell the effect", "[diagnose]") {
+  Record r = made({{"quadratic_drag@body", 0.05}}, 31);
+  r.outputs.pop_back();
+  const Diagnosis d = judged(r);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "quadratic_drag@body");
+  CHECK(d.effects[0].low < 0.05);
+  CHECK(0.05 < d.effects[0].high);
+  REQUIRE(d.output_names == std::vector<std::string>{"y_M"});
+  CHECK(d.notes.back().find("no v_M") != std::string::npos);
 }
