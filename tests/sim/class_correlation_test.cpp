@@ -23,12 +23,12 @@ Complex circular_draw(Random& random) {  // E |z|^2 = 1
 }  // namespace
 
 TEST_CASE("the estimator keeps the covariance of a class that its lines have, period by period", "[classes]") {
-  constexpr int per_cycle = 8, cycles = 5, periods = 6, length = per_cycle * cycles;
+  constexpr int per_cycle = 8, per_period = 5, periods = 6, length = per_cycle * per_period;
   using Estimator = ClassEstimator<3, 2, 2, per_cycle, 8>;
   const auto estimator = std::make_unique<Estimator>();
   const std::vector<int> tones{1, 7};
   for (int round = 0; round < 2; ++round) {  // the second time nothing of the first is left
-    REQUIRE(estimator->configure(per_cycle, cycles, tones, 1) == Status::ok);
+    REQUIRE(estimator->configure(per_cycle, per_period, tones, 1) == Status::ok);
     Random random(5 + static_cast<std::uint64_t>(round));
     std::vector<std::array<double, 2>> y;
     for (int n = 0; n < periods * length; ++n) {
@@ -52,12 +52,12 @@ TEST_CASE("the estimator keeps the covariance of a class that its lines have, pe
       for (const auto& [l, c, l2, c2] : {std::array{0, 0, 0, 0}, {-1, 0, 1, 1}, {1, 1, 0, 0}, {1, 1, 1, 1}}) {
         Complex first{}, second{}, sum{};
         for (int r = 0; r < periods; ++r) {
-          first += line(r, q + l * cycles, static_cast<std::size_t>(c)) / double(periods);
-          second += line(r, q + l2 * cycles, static_cast<std::size_t>(c2)) / double(periods);
+          first += line(r, q + l * per_period, static_cast<std::size_t>(c)) / double(periods);
+          second += line(r, q + l2 * per_period, static_cast<std::size_t>(c2)) / double(periods);
         }
         for (int r = 0; r < periods; ++r) {
-          sum += (line(r, q + l * cycles, static_cast<std::size_t>(c)) - first) *
-                 std::conj(line(r, q + l2 * cycles, static_cast<std::size_t>(c2)) - second) / double(periods - 1);
+          sum += (line(r, q + l * per_period, static_cast<std::size_t>(c)) - first) *
+                 std::conj(line(r, q + l2 * per_period, static_cast<std::size_t>(c2)) - second) / double(periods - 1);
         }
         CHECK(std::abs(estimator->covariance(k, l, c, l2, c2) - sum) < 1e-12);
       }
