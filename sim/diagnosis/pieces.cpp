@@ -28,7 +28,7 @@ std::vector<Start> along(const Problem& p, const Segment& s, const std::vector<d
 }  // namespace
 
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
-                const FitOptions& options) {
+                const FitOptions& options, double hopeless) {
   const auto cycle = static_cast<std::size_t>(p.data->sections);
   Fit best = from;
   best.chi2 = std::numeric_limits<double>::infinity();
@@ -62,6 +62,10 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
     q.data = &data;
     f = fit(q, all, f, effects, options);
     if (!std::isfinite(f.chi2)) return best;
+    if (f.chi2 > hopeless) {
+      best.chi2 = std::numeric_limits<double>::infinity();
+      return best;
+    }
     // Of every two pieces the first one's start.
     std::size_t at = 0;
     for (std::size_t j = 0; j < segments.size(); ++j) {

@@ -3,6 +3,7 @@
 // cycle it does not, and what is found there leads into the right one.
 #pragma once
 
+#include <limits>
 #include <vector>
 
 #include "fit.hpp"
@@ -10,8 +11,9 @@
 namespace saltus::diagnosis {
 
 // From a fit to the whole segments, paced by a clock, to values and starts near another one: pieces of one cycle, two,
-// four, as long as the machine can follow them. chi2 is infinite where it cannot follow the shortest.
+// four, as long as the machine can follow them. chi2 is infinite where it cannot follow the shortest, or where it comes
+// to more than `hopeless` [-] on the way: it can but grow.
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
-                const FitOptions& options = {});
+                const FitOptions& options = {}, double hopeless = std::numeric_limits<double>::infinity());
 
 }  // namespace saltus::diagnosis

@@ -162,17 +162,26 @@ void Search::judge_scores(Gate& g) const {
 void Search::grow(int added) {
   const std::vector<int> set{added};
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
+  const auto at = static_cast<std::size_t>(added);
   std::vector<int> part = segments_;
   if (part.size() > 3) part.resize(3);
+  // With fewer of a run's ties than the best so far, and worse: it will not get better with more.
+  FitOptions as_is;
+  as_is.iterations = 0;
+  const double hopeless = fit(p_, part, best().fit, best().effects, as_is).cost();
+  std::vector<double> reached;
   for (const double guess : {0.1 * c.probe, c.probe}) {
     FitOptions o;
     o.iterations = 6;
     o.refit_parameters = false;
     Fit f = declared_;
-    f.values[static_cast<std::size_t>(added)] = c.nominal + guess;
+    f.values[at] = c.nominal + guess;
     f = fit_growing(p_, part, f, set, o);
+    const auto same = [&](double v) { return std::abs(v - f.values[at]) < 0.01 * std::abs(v - c.nominal); };
+    if (std::any_of(reached.begin(), reached.end(), same)) continue;  // all from here would be as it was
+    reached.push_back(f.values[at]);
     o.refit_parameters = true;
-    if (std::isfinite(f.chi2)) f = fit_growing(p_, part, f, set, o);
+    if (std::isfinite(f.chi2)) f = fit_growing(p_, part, f, set, o, hopeless);
     if (!std::isfinite(f.chi2)) continue;
     Fit others = f;  // the starts of the other segments, at what has been found
     if (part.size() < segments_.size() && settle_starts(p_, others)) {
@@ -192,8 +201,8 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
   } else {
     guesses = {estimate};
     const double turn = p_.machine->cycle_period;
-    if (patient && c.shifts_time) guesses.insert(guesses.end(), {0.01 * turn, 0.03 * turn, 0.09 * turn});
-    if (patient && !c.shifts_time) guesses.insert(guesses.end(), {3.0 * estimate, 10.0 * estimate});
+    if (patient && c.shifts_time) guesses.insert(guesses.end(), {0.09 * turn, 0.01 * turn, 0.03 * turn});
+    if (patient && !c.shifts_time) guesses.insert(guesses.end(), {10.0 * estimate, 3.0 * estimate});
   }
   Trial t{set, start, 0.0, false};
   t.fit.chi2 = std::numeric_limits<double>::infinity();
@@ -206,47 +215,47 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     brief.iterations = 4;
     brief.enough = 1.0;
   }
-  for (const double guess : guesses) {
+  const auto at = static_cast<std::size_t>(added);
+  for (std::size_t i = 0; i < guesses.size(); ++i) {
     Fit f = start;
-    double v = c.nominal + guess;
+    double v = c.nominal + guesses[i];
     if (c.shifts_time) v = std::clamp(v, 0.0, 0.1 * p_.machine->cycle_period);
-    f.values[static_cast<std::size_t>(added)] = v;
+    f.values[at] = v;
     f = fit(p_, part, f, set, guesses.size() > 1 ? brief : quick);
+    // From below and from far above to the same: so would all between.
+    const bool same = i == 1 && !(c.probe > 0.0) && std::abs(f.cost() - t.fit.cost()) < brief.enough &&
+                      std::abs(f.values[at] - t.fit.values[at]) < 0.05 * std::abs(f.values[at]);
     if (f.cost() < t.fit.cost()) t.fit = std::move(f);
+    if (same) break;
   }
   if (guesses.size() > 1) t.fit = fit(p_, segments_, t.fit, set, quick);
   return store(std::move(t));
 }
 
-const Trial& Search::run(const std::function<void(double)>& progress) {
-  constexpr std::size_t most_effects = 4;
-  // Where a linear estimate is apt to be trapped far below the truth: several starts.
-  const auto curved = [&](int c) {
-    const Coefficient& k = p_.machine->coefficients[static_cast<std::size_t>(c)];
-    return k.shifts_time || k.probe > 0.0 || k.name.find("damper") != std::string::npos;
-  };
-  struct Lead {
-    std::vector<int> from;
-    int added;
-    double estimate, gain;
-  };
-  const auto leads_at = [&](const Trial& t, const Evidence& e, std::size_t most) {
-    std::vector<Lead> leads;
-    for (std::size_t i = 0; i < e.candidate.size(); ++i) {
-      const auto k = static_cast<Eigen::Index>(i);
-      const int c = e.candidate[i];
-      // Where the response is curved the sign of a linear estimate, taken after the parameters imitated the effect,
-      // says nothing about the effect itself.
-      const bool linear = !(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0);
-      if (!e.usable(k) || (linear && !physical(c, e.value[k]))) continue;
-      if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
-      leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
-    }
-    std::sort(leads.begin(), leads.end(), [](const Lead& a, const Lead& b) { return a.gain > b.gain; });
-    if (leads.size() > most) leads.resize(most);
-    return leads;
-  };
+// Where a linear estimate is apt to be trapped far below the truth: several starts.
+bool Search::curved(int coefficient) const {
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
+  return c.shifts_time || c.probe > 0.0 || c.name.find("damper") != std::string::npos;
+}
 
+std::vector<Search::Lead> Search::leads_at(const Trial& t, const Evidence& e, std::size_t most) const {
+  std::vector<Lead> leads;
+  for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+    const auto k = static_cast<Eigen::Index>(i);
+    const int c = e.candidate[i];
+    // Where the response is curved the sign of a linear estimate, taken after the parameters imitated the effect,
+    // says nothing about the effect itself.
+    const bool linear = !(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0);
+    if (!e.usable(k) || (linear && !physical(c, e.value[k]))) continue;
+    if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
+    leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
+  }
+  std::sort(leads.begin(), leads.end(), [](const Lead& a, const Lead& b) { return a.gain > b.gain; });
+  if (leads.size() > most) leads.resize(most);
+  return leads;
+}
+
+const Trial& Search::run(const std::function<void(double)>& progress) {
   const std::vector<Lead> leads = leads_at(base(), base_gate_.evidence, candidates_.size());
   for (std::size_t i = 0; i < leads.size(); ++i) {
     const Lead& l = leads[i];
@@ -262,16 +271,26 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       progress(0.3 + 0.1 * static_cast<double>(i) / static_cast<double>(others.size()));
     }
   }
-  const double all = base().fit.chi2 - samples_;
-  if (p_.data->sections > 0 && best().fit.chi2 - samples_ > 0.05 * all) {
-    // Nothing is it. Of an effect that changes the charts the evidence near zero says little, and it may be another
+  const bool none_is_it = best().fit.chi2 - samples_ > 0.05 * (base().fit.chi2 - samples_);
+  enlarge(progress);
+  if (p_.data->sections > 0 && none_is_it && !gate(best().fit).passes()) {
+    // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
     // gait.
+    const std::vector<int> before = best().effects;
     for (const Lead& l : leads) {
       if (!(p_.machine->coefficients[static_cast<std::size_t>(l.added)].probe > 0.0)) continue;
       if (pool_.count({l.added}) == 0) explore({}, base().fit, l.added, l.estimate, true);
       if (l.gain > 4.0 && l.gain > 0.02 * leads[0].gain) grow(l.added);
     }
+    if (best().effects != before) enlarge(progress);
   }
+  finish_near(30.0);
+  return settle();
+}
+
+// From the best sets of one effect to sets of two, and on, until the gate passes or nothing larger helps.
+void Search::enlarge(const std::function<void(double)>& progress) {
+  constexpr std::size_t most_effects = 4;
   for (std::size_t size = 1; size <= most_effects; ++size) {
     finish_near(0.0);
     Trial b = best();
@@ -342,8 +361,6 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     if (!(best().bic < before)) break;
   }
-  finish_near(30.0);
-  return settle();
 }
 
 const Trial& Search::settle() {

@@ -68,6 +68,14 @@ class Search {
   std::vector<int> judged() const;
 
  private:
+  struct Lead {  // worth trying beside what is in `from`
+    std::vector<int> from;
+    int added;
+    double estimate, gain;  // [unit of added], [-] of chi squared, both to first order
+  };
+  bool curved(int coefficient) const;
+  std::vector<Lead> leads_at(const Trial& t, const Evidence& e, std::size_t most) const;
+  void enlarge(const std::function<void(double)>& progress);
   const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient);
   void grow(int added);
   const Trial& store(Trial t);
