@@ -254,6 +254,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
     }
   };
   int fails = 0;
+  double last_fell = 0.0;
   while (f.iterations < options.iterations) {
     ++f.iterations;
     reduce(n, damping, h, g, back, back_r);
@@ -324,6 +325,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
       now = std::move(trial);
       damping = damping < 1e-3 ? 0.0 : damping / 8.0;
       fails = 0;
+      last_fell = fell;
       if (fell < options.enough && (fresh || options.brief)) {
         f.converged = true;
         break;
@@ -339,7 +341,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
         damping = std::max(1e-3, damping * 10.0);
         continue;
       }
-      if (options.brief) {
+      if (options.brief && !(last_fell > 10.0 * options.enough)) {
         f.converged = true;
         break;
       }

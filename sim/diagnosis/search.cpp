@@ -43,16 +43,22 @@ const Trial& Search::best() const {
 
 // Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early.
 void Search::finish_near(double bic) {
+  constexpr int most_rounds = 3;
+  constexpr double slow = 100.0;  // [-] what one that ran out of iterations may still fall by
   for (;;) {
     const double limit = best().bic + bic;
     const Trial* left = nullptr;
     for (const auto& [set, t] : pool_) {
-      if (!t.thorough && !(t.bic > limit) && (left == nullptr || t.bic < left->bic)) left = &t;
+      const bool done = (t.thorough && t.fit.converged) || t.rounds >= most_rounds;
+      if (!done && !(t.bic > limit + (t.fit.converged ? 0.0 : slow)) && (left == nullptr || t.bic < left->bic)) left = &t;
     }
     if (left == nullptr) return;
     const std::vector<int> set = left->effects;
+    const int rounds = left->rounds + 1;
     store({set, fit(p_, segments_, left->fit, set), 0.0, true});
-    pool_.at(set).thorough = true;
+    Trial& t = pool_.at(set);
+    t.thorough = true;
+    t.rounds = rounds;
   }
 }
 
@@ -72,6 +78,7 @@ bool Search::strayed() const {
 const Trial* Search::leaving_a_trifle() const {
   constexpr double of_explained = 0.005, of_noise = 0.02;  // [-] of squares
   const double trifle = std::min(of_explained * (base().fit.chi2 - samples_), of_noise * measurements_);
+  if (!(trifle > 0.0)) return nullptr;  // nothing was left to begin with
   const Trial* best = nullptr;
   for (const auto& [set, t] : pool_) {
     if (set.size() == 1 && t.fit.chi2 - samples_ < trifle && (best == nullptr || t.bic < best->bic)) best = &t;
@@ -228,7 +235,16 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     if (f.cost() < t.fit.cost()) t.fit = std::move(f);
     if (same) break;
   }
-  if (guesses.size() > 1) t.fit = fit(p_, segments_, t.fit, set, quick);
+  if (guesses.size() > 1) {
+    const std::vector<int> rest(segments_.begin() + static_cast<std::ptrdiff_t>(part.size()), segments_.end());
+    if (!rest.empty() && std::isfinite(t.fit.chi2)) {  // its starts belong to other values still
+      FitOptions starts = brief;
+      starts.refit_parameters = false;
+      const Fit moved = fit(p_, rest, t.fit, {}, starts);
+      if (std::isfinite(moved.chi2)) t.fit.start = moved.start;
+    }
+    t.fit = fit(p_, segments_, t.fit, set, quick);
+  }
   return store(std::move(t));
 }
 
@@ -277,10 +293,10 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
     // gait.
     const std::vector<int> before = best().effects;
-    for (const Lead& l : leads) {
-      if (!(p_.machine->coefficients[static_cast<std::size_t>(l.added)].probe > 0.0)) continue;
-      if (pool_.count({l.added}) == 0) explore({}, base().fit, l.added, l.estimate, true);
-      if (l.gain > 4.0 && l.gain > 0.02 * leads[0].gain) grow(l.added);
+    for (const int c : candidates_) {
+      if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
+      if (pool_.count({c}) == 0) explore({}, base().fit, c, 0.0, true);
+      grow(c);
     }
     if (best().effects != before) enlarge(progress);
   }
@@ -307,7 +323,7 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     }
     // More effects only where these already explain most of what there is.
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
-    if (size > 1 && left > (size == 2 ? 0.4 : 0.15) * excess) break;
+    if (size > 1 && left > 0.15 * excess) break;
     // From the best few sets of this size to the next.
     std::vector<const Trial*> sets;
     for (const auto& [set, t] : pool_) {
@@ -315,11 +331,15 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     }
     std::sort(sets.begin(), sets.end(), [](const Trial* x, const Trial* y) { return x->bic < y->bic; });
     if (sets.size() > 2) sets.resize(2);
-    std::vector<Lead> next;
+    const double before = best().bic;
+    std::vector<Lead> next, more;
     for (const Trial* t : sets) {
       const Evidence e = among(weigh(p_, segments_, t->fit, signatures_at(t->fit)), candidates_);
-      const auto some = leads_at(*t, e, 3);
-      next.insert(next.end(), some.begin(), some.end());
+      const bool much = size == 1 && t == sets.front() && left < 0.4 * excess;
+      const auto some = leads_at(*t, e, much ? 8 : 3);
+      const auto first = some.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, some.size()));
+      next.insert(next.end(), some.begin(), first);
+      more.insert(more.end(), first, some.end());  // should none of these be it
     }
     if (size == 1) {  // all pairs, to first order at the baseline
       const Evidence& e = base_gate_.evidence;
@@ -351,8 +371,10 @@ void Search::enlarge(const std::function<void(double)>& progress) {
         store({set, fit(p_, segments_, f, set), 0.0, true});
       }
     }
-    const double before = best().bic;
+    const std::size_t likely = next.size();
+    next.insert(next.end(), more.begin(), more.end());
     for (std::size_t i = 0; i < next.size(); ++i) {
+      if (i == likely && gate(best().fit).passes()) break;
       const Lead& l = next[i];
       const bool patient = curved(l.added) && i < 3;
       if (l.gain < 4.0 || (!patient && pool_.count(with(l.from, l.added)) > 0)) continue;

@@ -17,7 +17,8 @@ struct Trial {
   std::vector<int> effects;  // sorted
   Fit fit;
   double bic = 0.0;
-  bool thorough = false;  // fitted with fresh sensitivities to the end
+  bool thorough = false;  // fitted with fresh sensitivities
+  int rounds = 0;         // how often it was taken further
 };
 
 // Is anything left? Views against the repeats' noise, and the score along every candidate.

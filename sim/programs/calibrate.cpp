@@ -209,9 +209,9 @@ void run(const Arguments& a) {
       table.push_back({e, {{e, a.times * limit.at(e)}}, {e}, false});
     }
   }
-  if (wanted("pair")) {
-    for (std::size_t i = 0; i + 1 < effects.size(); i += 2) {
-      const auto &x = effects[i], &y = effects[i + 1];
+  if (wanted("pair")) {  // each with the one half the list further on: neighbours are near twins
+    for (std::size_t i = 0; i < effects.size() / 2; ++i) {
+      const auto &x = effects[i], &y = effects[i + effects.size() / 2];
       if (limit.count(x) == 0 || limit.count(y) == 0) continue;
       table.push_back({x + " + " + y, {{x, 2.0 * a.times * limit.at(x)}, {y, a.times * limit.at(y)}}, {x, y}, false});
     }
@@ -283,7 +283,7 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--trials", a->trials, "seeds a line of the table")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  command->add_option("--times", a->times, "size of an effect, in detection limits")
+  command->add_option("--times", a->times, "size of an effect, in detection limits; the first of a pair is twice as large")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command->add_option("--experiments", a->experiments, "experiments of a campaign")
