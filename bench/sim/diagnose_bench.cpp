@@ -37,7 +37,7 @@ const Stages& stages() {
 [[maybe_unused]] const bool added = [] {
   for (const char* const stage :
        {"all", "reading the record", "refitting the declared parameters", "searching for effects", "looking for twins",
-        "predicting held-out data", "locating and drawing"}) {
+        "how sure it is", "predicting held-out data", "locating and drawing"}) {
     const auto row = [stage](benchmark::State& state) {
       const Stages& s = stages();
       const auto found = std::find_if(s.begin(), s.end(), [&](const auto& p) { return p.first == stage; });

@@ -230,6 +230,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   Trial chosen = search.base();
   Gate after = first;
   std::vector<Search::Swap> swaps;
+  std::vector<Search::Interval> intervals;  // of the effects found
   if (first.passes() && !search.strayed()) {
     bool holds = true;
     for (const View& v : d.views_declared) holds = holds && v.p > 0.1 * options.false_alarm;
@@ -263,6 +264,12 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     d.verdict = !explained               ? Verdict::unexplained
                 : chosen.effects.empty() ? Verdict::parameters_only
                                          : Verdict::effect_found;
+    if (d.verdict == Verdict::effect_found) {
+      const double before = chosen.fit.cost();
+      intervals = search.intervals(chosen);
+      if (chosen.fit.cost() < before) after = search.gate(chosen.fit);
+      clock.lap("how sure it is");
+    }
   }
 
   // Twins and rivals.
@@ -312,14 +319,13 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   const Fit& best_fit = chosen.fit;
   for (std::size_t i = 0; i < chosen.effects.size() && d.verdict != Verdict::unexplained; ++i) {
     const int c = chosen.effects[i];
-    const auto at = std::find(best_fit.free.begin(), best_fit.free.end(), c) - best_fit.free.begin();
     Finding f;
     f.name = label(c);
     f.unit = machine.coefficients[static_cast<std::size_t>(c)].unit;
     f.value = best_fit.values[static_cast<std::size_t>(c)];
-    const double sigma = std::sqrt(best_fit.covariance(at, at) * std::max(data.colour, e0.inflation));
-    f.low = f.value - 1.96 * sigma;
-    f.high = f.value + 1.96 * sigma;
+    const double sigma = intervals[i].sigma;
+    f.low = intervals[i].low;
+    f.high = intervals[i].high;
     f.z = sigma > 0.0 ? (f.value - machine.coefficients[static_cast<std::size_t>(c)].nominal) / sigma : 0.0;
     for (const auto& [mine, other] : ties) {
       if (mine == c) f.ties.push_back(label(other));

@@ -52,6 +52,12 @@ class Search {
   };
   std::vector<Swap> swap_twins(const Trial& best);
 
+  // 95 % intervals of a trial's effects, in their order. Where one leads to a better fit the trial becomes that.
+  struct Interval {
+    double low = 0.0, high = 0.0, sigma = 0.0;  // [unit of the effect]; sigma by the curvature at the best
+  };
+  std::vector<Interval> intervals(Trial& t);
+
   // The best single effect that leaves a trifle, far below both the noise and what it explains: with enough data every
   // law is seen to be off. Null where there is none.
   const Trial* leaving_a_trifle() const;

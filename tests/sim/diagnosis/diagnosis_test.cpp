@@ -138,6 +138,39 @@ TEST_CASE("a ground a hundred times softer than what is looked for first, which 
   CHECK(std::abs(d.effects[0].value - 0.03) < 1e-3);
 }
 
+// The curvature at a hollow of its own said 0.0003 to 0.0005 m/N.
+TEST_CASE("a soft ground whose cost is no parabola: the interval holds the truth", "[diagnose]") {
+  const double truth = 0.0011153;
+  const Diagnosis d = judged(made({{"compliant_ground", truth}}, 1006, longer_campaign()));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  const Finding& f = d.effects[0];
+  CHECK(f.name == "compliant_ground");
+  CAPTURE(f.value, f.low, f.high);
+  CHECK(f.low < truth);
+  CHECK(f.high > truth);
+  CHECK(f.high - f.value > 1.5 * (f.value - f.low));  // it ends where the cost has risen, which is not as far both ways
+}
+
+TEST_CASE("two effects that carry the parameters far off when they are refitted first: both, and no third",
+          "[diagnose]") {
+  const Diagnosis d = judged(made({{"cubic_stiffness@leg", 0.54}, {"sensor_gain@v_M", 0.00133}}, 6002, longer_campaign()));
+  REQUIRE(d.effects.size() == 2);
+  for (const Finding& f : d.effects) {
+    CAPTURE(f.name, f.value, f.low, f.high);
+    if (f.name == "cubic_stiffness@leg") {
+      CHECK(f.low < 0.54);
+      CHECK(f.high > 0.54);
+    } else {  // of the two gains only their ratio is told
+      CHECK((f.name == "sensor_gain@v_M" || f.name == "sensor_gain@y_M"));
+      CHECK(f.ties.size() == 1);
+      CHECK(std::abs(std::abs(f.value) - 0.00133) < 2e-4);
+    }
+  }
+  CHECK(d.heldout.refit > 1.03);
+  CHECK(d.heldout.after < 1.02);
+}
+
 TEST_CASE("sensors that lag by a whole section are not taken for a clock that is shifted", "[diagnose]") {
   Options o;
   o.candidates = {"sensor_lag", "input_lag"};
