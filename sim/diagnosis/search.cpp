@@ -184,6 +184,7 @@ void Search::grow(int added) {
     Fit f = declared_;
     f.values[at] = c.nominal + guess;
     f = fit_growing(p_, part, f, set, o);
+    if (f.values[at] - c.nominal < 0.011 * c.probe) continue;  // at its least: it is not there
     const auto same = [&](double v) { return std::abs(v - f.values[at]) < 0.01 * std::abs(v - c.nominal); };
     if (std::any_of(reached.begin(), reached.end(), same)) continue;  // all from here would be as it was
     reached.push_back(f.values[at]);
