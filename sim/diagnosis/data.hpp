@@ -48,6 +48,7 @@ struct Data {
   bool noise_measured = false;  // from repeats
   double colour = 1.0;          // [-] by how much correlated noise widens the scatter of a sum of squares
   bool coloured = false;
+  bool wandering = false;  // repeats of one stimulus differ by what moves the machine, far beyond its sensors
   Quality quality;
   std::vector<std::string> notes;
 

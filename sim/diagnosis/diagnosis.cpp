@@ -167,6 +167,14 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
                       "record for longer");
   }
 
+  std::vector<int> train, test;
+  int held = options.holdout < 0 ? std::max(1, static_cast<int>(all.size()) / 3) : options.holdout;
+  held = std::min(held, static_cast<int>(all.size()) - 1);
+  for (const int i : all) (i + held >= static_cast<int>(all.size()) ? test : train).push_back(i);
+  const auto on_held_out = [&](const Fit& f, const std::vector<int>& effects) {
+    return predict(p, test, fit(p, train, f, effects));
+  };
+
   // Candidates: effects, and declared parameters said to be exact.
   std::vector<int> candidates;
   for (std::size_t i = 0; i < machine.coefficients.size(); ++i) {
@@ -182,6 +190,11 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     return c < static_cast<int>(machine.declared) && !machine.coefficients[static_cast<std::size_t>(c)].candidate
                ? "parameter:" + n
                : n;
+  };
+  const auto names_of = [&](const std::vector<int>& set) {
+    std::vector<std::string> r;
+    for (const int c : set) r.push_back(label(c));
+    return r;
   };
   if (!options.candidates.empty() && candidates.empty()) {
     throw RecordError(record.name, "no candidate has the name " + listed(options.candidates),
@@ -270,14 +283,18 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
       if (chosen.fit.cost() < before) after = search.gate(chosen.fit);
       clock.lap("how sure it is");
     }
+    // Where the machine wanders, what it does next is no repeat of what was fitted, and chance looks like a cause.
+    if (d.verdict == Verdict::effect_found && data.wandering && !test.empty() && !train.empty()) {
+      const double n = expected_chi2(p, test), before = on_held_out(refit, {}).chi2 - n;
+      if (!(on_held_out(chosen.fit, chosen.effects).chi2 - n < 0.5 * before)) {
+        d.verdict = Verdict::unexplained;
+        d.notes.push_back("The record tempts to name " + listed(names_of(chosen.effects)) +
+                          ", which does not predict what was held out.");
+      }
+    }
   }
 
   // Twins and rivals.
-  const auto names_of = [&](const std::vector<int>& set) {
-    std::vector<std::string> r;
-    for (const int c : set) r.push_back(label(c));
-    return r;
-  };
   constexpr double close = 6.0;
   std::vector<std::pair<int, int>> ties;  // (effect chosen, its twin)
   for (const Search::Swap& s : swaps) {
@@ -369,17 +386,11 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
   d.chi2_refit = refit.chi2;
   d.chi2_after = final_fit.chi2;
 
-  std::vector<int> train, test;
-  int held = options.holdout < 0 ? std::max(1, static_cast<int>(all.size()) / 3) : options.holdout;
-  held = std::min(held, static_cast<int>(all.size()) - 1);
-  for (const int i : all) (i + held >= static_cast<int>(all.size()) ? test : train).push_back(i);
   progress(0.8, "predicting what was held out");
   if (!test.empty() && !train.empty()) {
     for (const int i : test) d.held_out.push_back(data.segments[static_cast<std::size_t>(i)].experiment);
-    const Fit t_refit = fit(p, train, refit, {});
-    const Fit t_after = d.effects.empty() ? t_refit : fit(p, train, final_fit, chosen.effects);
-    const Fit h_declared = predict(p, test, declared), h_refit = predict(p, test, t_refit),
-              h_after = predict(p, test, t_after);
+    const Fit h_declared = predict(p, test, declared), h_refit = on_held_out(refit, {}),
+              h_after = d.effects.empty() ? h_refit : on_held_out(final_fit, chosen.effects);
     d.heldout = {normalised(data, raw_squares(p, test, h_declared)), normalised(data, raw_squares(p, test, h_refit)),
                  normalised(data, raw_squares(p, test, h_after)), 1.0};
     const double n = expected_chi2(p, test);
@@ -394,7 +405,7 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
       if (d.effects.empty() || set == chosen.effects || t.bic > chosen.bic + 2.0 * close ||
           set.size() > chosen.effects.size())
         continue;
-      const Fit h = predict(p, test, fit(p, train, t.fit, set));
+      const Fit h = on_held_out(t.fit, set);
       if (h.chi2 < h_after.chi2 - close && t.bic > chosen.bic + close) {
         d.notes.push_back("Held-out data prefer " + listed(names_of(set)) + ".");
         if (d.verdict == Verdict::effect_found) d.verdict = Verdict::ambiguous;
