@@ -1,305 +1,32 @@
 #include "multiplier_region.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
-#include <numbers>
 
+#include "common_denominator.hpp"
 #include "core/random.hpp"
 #include "core/spectrum/fit.hpp"
 #include "core/trace/statistics.hpp"
+#include "correlated_errors.hpp"
 #include "significance.hpp"
 #include "singular_values.hpp"
 
 namespace saltus {
 namespace {
 
-using Eigen::MatrixXcd;
+using common_denominator::Errors;
+using common_denominator::Problem;
+using common_denominator::Projection;
+using common_denominator::Sandwich;
+using common_denominator::Series;
+using common_denominator::Solution;
 using Eigen::MatrixXd;
 using Eigen::VectorXcd;
 using Eigen::VectorXd;
 using Index = Eigen::Index;
-
-// Responses that share their taps: H_0 of one output, whose taps are real; or, one below the other, H_m and the
-// conjugate of H_-m, which a real system has at the mirrored frequency, -omega: there the taps are complex.
-struct Series {
-  int m = 0, output = 0;
-  bool pair = false;
-  VectorXcd value;
-  VectorXd weight;  // 1 / sigma
-};
-
-struct Problem {
-  Index lines = 0;
-  int sections = 0, count = 0;
-  std::vector<VectorXcd> power;  // z^-(N k), k = 0 ... count
-  MatrixXd taps;                 // orthonormal columns, (2 lines x independent taps), real parts above imaginary ones
-  std::vector<Series> series;
-};
-
-// What holds at the lines, with what then holds at the mirrored ones.
-VectorXcd mirrored(const VectorXcd& x, bool pair) {
-  if (!pair) return x;
-  VectorXcd r(2 * x.size());
-  r << x, x.conjugate();
-  return r;
-}
-
-VectorXcd denominator(const Problem& p, const VectorXd& a) {
-  VectorXcd d = p.power[0];
-  for (Index k = 0; k < a.size(); ++k) d += a[k] * p.power[static_cast<std::size_t>(k) + 1];
-  return d;
-}
-
-// Taps weighted by w / A, projected out of columns: x - X (X^H X)^-1 X^H x. The taps are orthonormal before weighting,
-// so that the normal equations lose no more than the weights' range, and what they lose a second pass gives back.
-class Projection {
- public:
-  Projection(const Problem& p, const Series& s, const VectorXcd& d)
-      : p_(&p), pair_(s.pair), factor_(s.weight.cast<Complex>().cwiseQuotient(mirrored(d, s.pair))) {
-    const Index n = p.lines;
-    const VectorXd square = factor_.cwiseAbs2();
-    VectorXd sum = square.head(n), difference = VectorXd::Zero(n);
-    if (pair_) {
-      sum += square.tail(n);
-      difference = square.head(n) - square.tail(n);
-    }
-    MatrixXd weighted(2 * n, p.taps.cols());
-    weighted.topRows(n) = sum.cwiseSqrt().asDiagonal() * p.taps.topRows(n);
-    weighted.bottomRows(n) = sum.cwiseSqrt().asDiagonal() * p.taps.bottomRows(n);
-    MatrixXd even = MatrixXd::Zero(p.taps.cols(), p.taps.cols());
-    even.selfadjointView<Eigen::Lower>().rankUpdate(weighted.transpose());
-    even.triangularView<Eigen::StrictlyUpper>() = even.transpose();
-    if (!pair_) {
-      real_.compute(even);
-      return;
-    }
-    const MatrixXd odd = p.taps.topRows(n).transpose() * difference.asDiagonal() * p.taps.bottomRows(n);
-    MatrixXcd gram(even.rows(), even.cols());
-    gram.real() = even;
-    gram.imag() = odd - odd.transpose();
-    complex_.compute(gram);
-  }
-
-  VectorXcd operator()(const VectorXcd& x) const { return once(once(x)); }
-
- private:
-  VectorXcd once(const VectorXcd& x) const {
-    const Index n = p_->lines;
-    const auto cosine = p_->taps.topRows(n), sine = p_->taps.bottomRows(n);
-    const VectorXcd y = factor_.conjugate().cwiseProduct(x);
-    if (!pair_) {
-      const VectorXd c =
-          real_.solve(VectorXd(cosine.transpose() * VectorXd(y.real()) + sine.transpose() * VectorXd(y.imag())));
-      VectorXcd fitted(n);
-      fitted.real() = cosine * c;
-      fitted.imag() = sine * c;
-      return x - factor_.cwiseProduct(fitted);
-    }
-    // The columns are w at the lines and their conjugates at the mirrored ones, w = cosine + i sine.
-    const VectorXcd even = y.head(n) + y.tail(n), odd = Complex{0.0, -1.0} * (y.head(n) - y.tail(n));
-    VectorXcd rhs(p_->taps.cols());
-    rhs.real() = cosine.transpose() * VectorXd(even.real()) + sine.transpose() * VectorXd(odd.real());
-    rhs.imag() = cosine.transpose() * VectorXd(even.imag()) + sine.transpose() * VectorXd(odd.imag());
-    const VectorXcd c = complex_.solve(rhs);
-    const VectorXd re = c.real(), im = c.imag();
-    VectorXcd a(n), b(n), fitted(2 * n);
-    a.real() = cosine * re;
-    a.imag() = cosine * im;
-    b.real() = sine * re;
-    b.imag() = sine * im;
-    fitted << a + Complex{0.0, 1.0} * b, a - Complex{0.0, 1.0} * b;
-    return x - factor_.cwiseProduct(fitted);
-  }
-
-  const Problem* p_;
-  bool pair_;
-  VectorXcd factor_;
-  Eigen::LLT<MatrixXd> real_;
-  Eigen::LLT<MatrixXcd> complex_;
-};
-
-// Normal equations of one linear problem around a; Gauss-Newton, or Sanathanan & Koerner's where `modelled` is false.
-struct Normal {
-  MatrixXd matrix;
-  VectorXd rhs;
-  double cost = 0.0;
-};
-
-// What a unit error of each weighted value of a series moves the right side by, one column a coefficient.
-MatrixXcd slope_of(const Problem& p, const Series& s, const Projection& complement, const VectorXcd& fitted) {
-  MatrixXcd slope(fitted.size(), p.count);
-  for (Index k = 0; k < p.count; ++k) {
-    slope.col(k) = complement(fitted.cwiseProduct(mirrored(p.power[static_cast<std::size_t>(k) + 1], s.pair)));
-  }
-  return slope;
-}
-
-Normal normal_equations(const Problem& p, const VectorXd& a, bool modelled) {
-  Normal n{MatrixXd::Zero(p.count, p.count), VectorXd::Zero(p.count), 0.0};
-  const VectorXcd d = denominator(p, a);
-  for (const Series& s : p.series) {
-    const Projection complement(p, s, d);
-    const VectorXcd y = s.weight.cast<Complex>().cwiseProduct(s.value);
-    const VectorXcd residual = complement(y);
-    n.cost += residual.squaredNorm();
-    const VectorXcd fitted = (modelled ? VectorXcd(y - residual) : y).cwiseQuotient(mirrored(d, s.pair));
-    const MatrixXcd slope = slope_of(p, s, complement, fitted);
-    n.matrix += (slope.adjoint() * slope).real();
-    n.rhs -= (slope.adjoint() * residual).real();
-  }
-  return n;
-}
-
-struct Solution {
-  bool ok = false;
-  VectorXd a;
-  MatrixXd covariance;  // of a, for unit complex variance of weighted values
-  double cost = 0.0;
-};
-
-Solution solve(const Problem& p, VectorXd a, int reweightings) {
-  for (int i = 0; i < reweightings; ++i) {
-    // The equation error A y - B, weighted by the last A, is linear in A: its value at a is the residual there.
-    const Normal n = normal_equations(p, a, false);
-    const VectorXd step = n.matrix.ldlt().solve(n.rhs);
-    a += step;
-    if (step.norm() < 1e-2 * (1.0 + a.norm())) break;  // Gauss-Newton goes on from here
-  }
-  Solution r;
-  Normal n = normal_equations(p, a, true);
-  for (int i = 0; i < 30; ++i) {
-    const VectorXd step = n.matrix.ldlt().solve(n.rhs);
-    double length = 1.0;
-    Normal next = normal_equations(p, a + step, true);
-    for (int half = 0; half < 6 && !(next.cost <= n.cost * (1.0 + 1e-12)); ++half) {
-      length *= 0.5;
-      next = normal_equations(p, a + length * step, true);
-    }
-    // Far below the noise, for the cost is some thousands of its variances; or of rounding.
-    const bool small = step.dot(n.matrix * step) < 1e-8 * n.cost || step.norm() < 1e-9 * (1.0 + a.norm());
-    a += length * step;
-    n = next;
-    if (!a.allFinite()) return r;
-    if (small) {
-      r.ok = true;
-      break;
-    }
-  }
-  r.a = a;
-  r.cost = n.cost;
-  r.covariance = 0.5 * n.matrix.inverse();
-  return r;
-}
-
-// The estimates of one line: the series and the row where each stands, as its conjugate where `mirrored`, and how their
-// errors go together.
-struct Errors {
-  struct Place {
-    std::size_t series;
-    Index row;
-    bool mirrored;
-  };
-  std::vector<Place> place;
-  MatrixXcd correlation;
-  double own = 0.0;  // complex degrees of freedom of the line's own repeats
-};
-
-std::vector<Errors> errors_of(const Identification& id, const Problem& p, const std::vector<HtfEstimate>& lines) {
-  std::vector<Errors> all;
-  for (Index q = 0; q < p.lines; ++q) {
-    const ClassCorrelation* known = id.correlation(lines[static_cast<std::size_t>(q)].line);
-    if (known == nullptr) return {};
-    Errors e;
-    e.own = known->own;
-    std::vector<Index> rows;
-    const auto enter = [&](std::size_t series, int m, int output, Index row) {
-      e.place.push_back({series, row, m < 0});
-      const bool held = std::abs(m) <= known->harmonics && known->row(m, output) < known->matrix.rows();
-      rows.push_back(held ? known->row(m, output) : -1);
-    };
-    for (std::size_t i = 0; i < p.series.size(); ++i) {
-      const Series& s = p.series[i];
-      enter(i, s.m, s.output, q);
-      if (s.pair) enter(i, -s.m, s.output, p.lines + q);
-    }
-    const auto n = static_cast<Index>(rows.size());
-    e.correlation = MatrixXcd::Identity(n, n);
-    for (Index i = 0; i < n; ++i) {
-      for (Index j = 0; j < n; ++j) {
-        const Index a = rows[static_cast<std::size_t>(i)], b = rows[static_cast<std::size_t>(j)];
-        if (i != j && a >= 0 && b >= 0) e.correlation(i, j) = known->matrix(a, b);
-      }
-    }
-    all.push_back(std::move(e));
-  }
-  return all;
-}
-
-// Covariance of the solution where the errors of a line go together, the weights being those of errors that do not:
-// M^-1 (sum over the lines of S* C S / 2) M^-1 (Eicker, Huber & White). A line's errors are circular, those of
-// different lines independent.
-struct Sandwich {
-  MatrixXd covariance;
-  double freedom = 0.0;  // real, by Satterthwaite's rule: each line tells with what its own repeats do
-};
-
-Sandwich covariance_of(const Problem& p, const Solution& s, const std::vector<Errors>& errors) {
-  const VectorXcd d = denominator(p, s.a);
-  std::vector<MatrixXcd> slope;
-  MatrixXd matrix = MatrixXd::Zero(p.count, p.count), middle = matrix;
-  for (const Series& one : p.series) {
-    const Projection complement(p, one, d);
-    const VectorXcd y = one.weight.cast<Complex>().cwiseProduct(one.value);
-    slope.push_back(slope_of(p, one, complement, VectorXcd(y - complement(y)).cwiseQuotient(mirrored(d, one.pair))));
-    matrix += (slope.back().adjoint() * slope.back()).real();
-  }
-  const auto parts = [&](const Errors& e) -> MatrixXd {
-    MatrixXcd rows(static_cast<Index>(e.place.size()), p.count);
-    for (std::size_t i = 0; i < e.place.size(); ++i) {
-      const auto row = slope[e.place[i].series].row(e.place[i].row);
-      rows.row(static_cast<Index>(i)) = row;
-      if (e.place[i].mirrored) rows.row(static_cast<Index>(i)) = row.conjugate();
-    }
-    return 0.5 * (rows.adjoint() * e.correlation * rows).real();
-  };
-  const MatrixXd inverse = matrix.inverse();
-  double sum = 0.0, square = 0.0;
-  for (const Errors& e : errors) {
-    const MatrixXd part = parts(e);
-    const double size = (inverse * part * inverse).trace();
-    middle += part;
-    sum += size;
-    square += size * size / std::max(1.0, e.own);
-  }
-  return {inverse * middle * inverse, 2.0 * sum * sum / square};
-}
-
-// Noise of every series in units of its sigma, as the errors go together or, where nothing tells, independent.
-std::vector<VectorXcd> draw(const Problem& p, const std::vector<Errors>& errors, Random& random) {
-  const auto circular = [&] {
-    const double re = random.normal(), im = random.normal();
-    return std::sqrt(0.5) * Complex{re, im};
-  };
-  std::vector<VectorXcd> noise;
-  for (const Series& s : p.series) {
-    noise.emplace_back(s.value.size());
-    for (Index q = 0; errors.empty() && q < s.value.size(); ++q) noise.back()[q] = circular();
-  }
-  for (const Errors& e : errors) {
-    const Index n = e.correlation.rows();
-    VectorXcd z(n);
-    for (Index i = 0; i < n; ++i) z[i] = circular();
-    z = (ClassCorrelation{0, 0, 0.0, 0.0, e.correlation}.root() * z).eval();
-    for (std::size_t i = 0; i < e.place.size(); ++i) {
-      const Complex x = z[static_cast<Index>(i)];
-      noise[e.place[i].series][e.place[i].row] = e.place[i].mirrored ? std::conj(x) : x;
-    }
-  }
-  return noise;
-}
 
 std::vector<Complex> roots_of(const VectorXd& a) {
   const auto copy = [&](auto coefficients) {

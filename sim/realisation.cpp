@@ -1,20 +1,17 @@
 #include "realisation.hpp"
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
 #include <Eigen/QR>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <numbers>
 #include <stdexcept>
 
 #include "core/random.hpp"
 #include "eigenvalues.hpp"
 #include "multiplier_region.hpp"
+#include "periodic_model.hpp"
 #include "singular_values.hpp"
 
 namespace saltus {
@@ -99,73 +96,6 @@ std::vector<MatrixXcd> noise_like(const HtfTable& t, Random& random) {
     e.push_back(x);
   }
   return e;
-}
-
-// The B of least squares on all harmonics, given A and C: the phasors of the state are linear in it. The response of
-// G_n to B[k] depends on the line only through z = exp(i omega N) and a phase, so lines of equal z share their work.
-void fit_inputs(const HtfTable& t, const std::vector<MatrixXcd>& g, const Eigen::VectorXd& scale, PeriodicModel& m) {
-  const Index sections = t.sections;
-  std::vector<Index> start(at(sections) + 1, 0);  // of B[k] among the unknowns
-  for (Index k = 0; k < sections; ++k) start[at(k) + 1] = start[at(k)] + m.A[at(k)].rows();
-  const Index unknowns = start.back();
-  std::map<std::int64_t, std::vector<std::size_t>> classes;
-  for (std::size_t q = 0; q < t.omega.size(); ++q) {
-    const double cycles = t.omega[q] * static_cast<double>(sections) / turn;
-    classes[std::llround((cycles - std::floor(cycles)) * 1e9)].push_back(q);
-  }
-  MatrixXd normal = MatrixXd::Zero(unknowns, unknowns);
-  Eigen::VectorXd rhs = Eigen::VectorXd::Zero(unknowns);
-  for (const auto& [key, members] : classes) {
-    const Complex back = phasor(-t.omega[members[0]] * static_cast<double>(sections));
-    MatrixXcd response(sections * t.outputs, unknowns);  // of y at section n in time, from B[k] u at section k of one
-    for (Index k = 0; k < sections; ++k) {               // cycle, summed over all cycles before
-      const Index next = (k + 1) % sections, size = start[at(k) + 1] - start[at(k)];
-      const MatrixXd mono = m.monodromy(static_cast<int>(next));
-      MatrixXcd x = (MatrixXcd::Identity(size, size) - back * mono).partialPivLu().inverse();
-      for (Index j = 1; j <= sections; ++j) {
-        const Index n = (k + j) % sections;
-        // Sections before k + 1 of the same cycle hear of it one cycle later.
-        const Complex delay = k + j >= sections ? back : Complex{1.0};
-        for (Index c = 0; c < t.outputs; ++c) {
-          response.block(n * t.outputs + c, start[at(k)], 1, size) = m.C[at(n)].row(c) / scale[c] * (x * delay);
-        }
-        x = (m.A[at(n)] * x).eval();
-      }
-    }
-    const MatrixXcd gram = response.adjoint() * response;
-    for (Index k = 0; k < sections; ++k) {
-      for (Index l = 0; l < sections; ++l) {
-        Complex weight{};
-        for (const std::size_t q : members) weight += phasor(t.omega[q] * static_cast<double>(l - k));
-        normal.block(start[at(k)], start[at(l)], start[at(k) + 1] - start[at(k)], start[at(l) + 1] - start[at(l)]) +=
-            (weight *
-             gram.block(start[at(k)], start[at(l)], start[at(k) + 1] - start[at(k)], start[at(l) + 1] - start[at(l)]))
-                .real();
-      }
-    }
-    for (const std::size_t q : members) {
-      Eigen::VectorXcd y(sections * t.outputs);
-      for (Index n = 0; n < sections; ++n) {
-        for (Index c = 0; c < t.outputs; ++c) {
-          y[n * t.outputs + c] = g[q](n, c) / scale[c] * phasor(t.omega[q] * static_cast<double>(n));
-        }
-      }
-      const Eigen::VectorXcd v = response.adjoint() * y;
-      for (Index k = 0; k < sections; ++k) {
-        const Index size = start[at(k) + 1] - start[at(k)];
-        rhs.segment(start[at(k)], size) +=
-            (phasor(-t.omega[q] * static_cast<double>(k)) * v.segment(start[at(k)], size)).real();
-      }
-    }
-  }
-  // Inputs that the band does not hold have no say: the least-norm answer.
-  const Eigen::SelfAdjointEigenSolver<MatrixXd> solver(normal);
-  const Eigen::VectorXd& lambda = solver.eigenvalues();
-  Eigen::VectorXd x = solver.eigenvectors().transpose() * rhs;
-  for (Index i = 0; i < unknowns; ++i) x[i] = lambda[i] > 1e-13 * lambda[unknowns - 1] ? x[i] / lambda[i] : 0.0;
-  x = (solver.eigenvectors() * x).eval();
-  m.B.clear();
-  for (Index k = 0; k < sections; ++k) m.B.push_back(x.segment(start[at(k)], start[at(k) + 1] - start[at(k)]));
 }
 
 std::vector<Complex> multipliers_at(const PeriodicModel& m, int section) {
@@ -303,37 +233,6 @@ HtfTable table_of(const Identification& id, int outputs) {
   return t;
 }
 
-int PeriodicModel::smallest_section() const {
-  int best = 0;
-  for (int n = 1; n < sections; ++n) {
-    if (dim(n) < dim(best)) best = n;
-  }
-  return best;
-}
-
-MatrixXd PeriodicModel::monodromy(int n) const {
-  MatrixXd r = MatrixXd::Identity(dim(n), dim(n));
-  for (int k = 0; k < sections; ++k) r = (A[at((n + k) % sections)] * r).eval();
-  return r;
-}
-
-MatrixXcd PeriodicModel::htf(double omega) const {
-  const Complex back = phasor(-omega);
-  Eigen::VectorXcd particular = Eigen::VectorXcd::Zero(dim(0));
-  for (std::size_t n = 0; n < A.size(); ++n) particular = ((A[n] * particular + B[n]) * back).eval();
-  const MatrixXcd closure = MatrixXcd::Identity(dim(0), dim(0)) - monodromy(0) * phasor(-omega * sections);
-  Eigen::VectorXcd x = closure.partialPivLu().solve(particular);
-  MatrixXcd h = MatrixXcd::Zero(sections, outputs);
-  for (Index n = 0; n < sections; ++n) {
-    const Eigen::VectorXcd y = C[at(n)] * x;
-    for (Index m = 0; m < sections; ++m) {
-      h.row(m) += (y * root_of_unity(-m * n, sections)).transpose() / static_cast<double>(sections);
-    }
-    x = ((A[at(n)] * x + B[at(n)]) * back).eval();
-  }
-  return h;
-}
-
 Realisation realise(const HtfTable& t, const RealisationOptions& o) {
   if (t.sections < 2 || t.outputs < 1 || t.omega.size() * 2 < at(t.sections) * at(t.outputs + 1) + 8) {
     throw std::invalid_argument("a realisation needs at least " +
@@ -429,108 +328,6 @@ Realisation realise(const Identification& id, int outputs, const RealisationOpti
     r.sigma[i] = std::hypot(std::max(r.sigma[i], sigma), nearest);
   }
   return r;
-}
-
-std::string realisation_json(const Realisation& r) {
-  const auto matrix = [](const MatrixXd& m) {
-    nlohmann::json rows = nlohmann::json::array();
-    for (Index i = 0; i < m.rows(); ++i) {
-      nlohmann::json row = nlohmann::json::array();
-      for (Index j = 0; j < m.cols(); ++j) row.push_back(m(i, j));
-      rows.push_back(row);
-    }
-    return rows;
-  };
-  nlohmann::json j{{"sections_per_cycle", r.model.sections},
-                   {"outputs", r.model.outputs},
-                   {"dim", nlohmann::json::array()},
-                   {"rank", r.rank},
-                   {"htf_error", r.error},
-                   {"singular_values", r.singular},
-                   {"threshold", r.threshold},
-                   {"missing_harmonics_limit", r.limit},
-                   {"inconsistency", r.inconsistency},
-                   {"stable", r.stable()},
-                   {"multipliers", nlohmann::json::array()},
-                   {"A", nlohmann::json::array()},
-                   {"B", nlohmann::json::array()},
-                   {"C", nlohmann::json::array()}};
-  if (r.bounds) j["rank_bounds"] = {r.bounds->lower, r.bounds->upper};
-  for (int n = 0; n < r.model.sections; ++n) {
-    j["dim"].push_back(r.model.dim(n));
-    j["A"].push_back(matrix(r.model.A[at(n)]));
-    j["B"].push_back(matrix(r.model.B[at(n)]));
-    j["C"].push_back(matrix(r.model.C[at(n)]));
-  }
-  for (std::size_t i = 0; i < r.multipliers.size(); ++i) {
-    nlohmann::json z{{"re", r.multipliers[i].real()}, {"im", r.multipliers[i].imag()}, {"sigma", nullptr}};
-    if (i < r.sigma.size()) z["sigma"] = r.sigma[i];
-    j["multipliers"].push_back(z);
-  }
-  return j.dump(1) + "\n";
-}
-
-PeriodicModel periodic_model_of(const std::string& text) {
-  constexpr Index most = 256;
-  const auto refuse = [](const std::string& why) { throw std::invalid_argument(why); };
-  const nlohmann::json j = nlohmann::json::parse(text, nullptr, false);
-  for (const char* key : {"sections_per_cycle", "outputs", "dim", "A", "B", "C"}) {
-    if (!j.is_object() || !j.contains(key)) refuse(std::string("it is no state-space model in JSON: no '") + key + "'");
-  }
-  PeriodicModel r;
-  try {
-    r.sections = j.at("sections_per_cycle");
-    r.outputs = j.at("outputs");
-    const std::vector<Index> dim = j.at("dim");
-    const std::size_t sections = dim.size();
-    const auto sensible = [](Index d) { return d >= 0 && d <= most; };
-    if (r.sections < 1 || sections != at(r.sections)) refuse("'dim' has not one number for each section");
-    if (r.outputs < 1 || !sensible(r.outputs) || !std::all_of(dim.begin(), dim.end(), sensible)) {
-      refuse("'outputs' or 'dim' has a number that is none of outputs or states");
-    }
-    const auto read = [&](const char* name, std::size_t n, Index rows, Index cols) {
-      const std::vector<std::vector<double>> given = j.at(name).at(n);
-      const auto fits = [&](const std::vector<double>& row) { return row.size() == at(cols); };
-      if (given.size() != at(rows) || !std::all_of(given.begin(), given.end(), fits)) {
-        refuse(std::string(name) + " of section " + std::to_string(n) + " is not " + std::to_string(rows) + " x " +
-               std::to_string(cols));
-      }
-      MatrixXd m(rows, cols);
-      for (Index i = 0; i < rows; ++i) {
-        for (Index k = 0; k < cols; ++k) m(i, k) = given[at(i)][at(k)];
-      }
-      return m;
-    };
-    for (std::size_t n = 0; n < sections; ++n) {
-      const Index next = dim[(n + 1) % sections];
-      r.A.push_back(read("A", n, next, dim[n]));
-      r.B.push_back(read("B", n, next, 1));
-      r.C.push_back(read("C", n, r.outputs, dim[n]));
-    }
-  } catch (const nlohmann::json::exception& e) {
-    refuse(e.what());
-  }
-  return r;
-}
-
-std::string realisation_csv(const Realisation& r) {
-  std::string csv = "matrix,section,row,column,value\n";
-  const auto write = [&](const char* name, int n, const MatrixXd& m) {
-    for (Index i = 0; i < m.rows(); ++i) {
-      for (Index j = 0; j < m.cols(); ++j) {
-        char line[96];
-        std::snprintf(line, sizeof line, "%s,%d,%d,%d,%.17g\n", name, n, static_cast<int>(i), static_cast<int>(j),
-                      m(i, j));
-        csv += line;
-      }
-    }
-  };
-  for (int n = 0; n < r.model.sections; ++n) {
-    write("A", n, r.model.A[at(n)]);
-    write("B", n, r.model.B[at(n)]);
-    write("C", n, r.model.C[at(n)]);
-  }
-  return csv;
 }
 
 }  // namespace saltus
