@@ -114,10 +114,17 @@ foreach(room IN LISTS rooms)
   endforeach()
 endforeach()
 
-# The top level is short and stays so; a build tree somebody made there is not the project's.
+# The top level is short and stays so; a build tree somebody made there is not the project's, nor what the demonstration
+# left and git is told to ignore.
+set(ignored "")
+if(EXISTS "${ROOT}/.gitignore")
+  file(STRINGS "${ROOT}/.gitignore" ignored)
+  list(TRANSFORM ignored REPLACE "^/|/$" "")
+endif()
 file(GLOB entries RELATIVE "${ROOT}" "${ROOT}/*")
 foreach(entry IN LISTS entries)
-  if(NOT entry IN_LIST top_level AND NOT entry MATCHES "^\\." AND NOT EXISTS "${ROOT}/${entry}/CMakeCache.txt")
+  if(NOT entry IN_LIST top_level AND NOT entry MATCHES "^\\." AND NOT entry IN_LIST ignored
+     AND NOT EXISTS "${ROOT}/${entry}/CMakeCache.txt")
     fail("${entry}:1: does not belong at the top level, which holds ${top_level} and dot-files")
   endif()
 endforeach()
