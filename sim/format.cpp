@@ -19,4 +19,13 @@ std::string format(const char* pattern, ...) {
 
 std::string text(double x, const char* pattern) { return format(pattern, x); }
 
+std::string listed(const std::vector<std::string>& names, std::string_view between) {
+  std::string s;
+  for (const std::string& n : names) {
+    if (!s.empty()) s += between;
+    s += n;
+  }
+  return s;
+}
+
 }  // namespace saltus

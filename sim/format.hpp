@@ -2,11 +2,15 @@
 #pragma once
 
 #include <string>
+#include <string_view>
+#include <vector>
 
 namespace saltus {
 
 [[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
 
 std::string text(double x, const char* pattern = "%.4g");
+
+std::string listed(const std::vector<std::string>& names, std::string_view between = ", ");
 
 }  // namespace saltus

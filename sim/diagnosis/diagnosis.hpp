@@ -15,6 +15,8 @@
 
 namespace saltus::diagnosis {
 
+inline constexpr double no_telling = 6.0;  // [-] of BIC, between two sets of effects
+
 enum class Verdict { effect_found, no_discrepancy, parameters_only, ambiguous, unexplained };
 std::string name(Verdict v);
 
@@ -33,6 +35,9 @@ struct Options {
 
 // Whether a name is among those asked for: itself, by a beginning that ends in *, or by its law without the port.
 bool wanted(const std::vector<std::string>& patterns, const std::string& name);
+
+// Gives a machine the values that are declared.
+void declare(Machine& machine, const Options& options);
 
 struct Finding {
   std::string name, unit;

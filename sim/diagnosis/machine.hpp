@@ -78,6 +78,10 @@ class Machine {
   virtual std::vector<Start> cycle(std::span<const double> values, int turns, int per_turn) const = 0;
 };
 
+// What a coefficient is called among candidates: a declared parameter with that word before its name.
+std::string name_of(const Machine& m, int coefficient);
+std::vector<std::string> names_of(const Machine& m, const std::vector<int>& coefficients);
+
 // The machine of that name, or null.
 std::unique_ptr<Machine> make_machine(const std::string& model);
 

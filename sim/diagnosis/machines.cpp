@@ -2,6 +2,17 @@
 
 namespace saltus::diagnosis {
 
+std::string name_of(const Machine& m, int coefficient) {
+  const auto k = static_cast<std::size_t>(coefficient);
+  return (k < m.declared && !m.coefficients[k].candidate ? "parameter:" : "") + m.coefficients[k].name;
+}
+
+std::vector<std::string> names_of(const Machine& m, const std::vector<int>& coefficients) {
+  std::vector<std::string> r;
+  for (const int c : coefficients) r.push_back(name_of(m, c));
+  return r;
+}
+
 std::unique_ptr<Machine> make_machine(const std::string& model) {
   if (model == "hopper") return hopper_machine();
   if (model == "bouncing_ball") return bouncing_ball_machine();

@@ -2,12 +2,12 @@
 #include "self_paced.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 
 #include "../format.hpp"
 #include "core/trace/statistics.hpp"
+#include "laps.hpp"
 #include "selection.hpp"
 #include "story.hpp"
 
@@ -15,7 +15,6 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-constexpr double close = 6.0;            // [-] BIC: no telling
 constexpr double no_worse = 1.1;         // [-] of the error of predicting what was left out
 constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an output is explained
 const std::string no_run = "it is too short, or everywhere an error of the start grows more than twentyfold.";
@@ -30,12 +29,6 @@ bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& to
   // A parameter is a candidate only where it is asked for by name.
   if (exact) return std::find(patterns.begin(), patterns.end(), "parameter:" + c.name) != patterns.end();
   return effect && wanted(patterns, c.name);
-}
-
-std::vector<std::string> names_of(const Machine& m, const std::vector<int>& set) {
-  std::vector<std::string> r;
-  for (const int c : set) r.push_back(name_of(m, c));
-  return r;
 }
 
 // Laws of one port are of one kind, and so is what may be wrong with an input, or with a sensor: which of them it is
@@ -148,8 +141,8 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
       if (std::abs(t.cosine) > 0.9) d.twins.push_back({name_of(machine, t.from), name_of(machine, t.to), t.cosine});
       std::vector<int> set;
       for (const int e : found.part.effects) set.push_back(e == t.from ? t.to : e);
-      if (t.above < 4.0 * close) d.rivals.push_back({names_of(machine, set), t.above, t.predicted});
-      if (t.above > close) continue;
+      if (t.above < 4.0 * no_telling) d.rivals.push_back({names_of(machine, set), t.above, t.predicted});
+      if (t.above > no_telling) continue;
       f.ties.push_back(name_of(machine, t.to));
       if (std::abs(t.cosine) < (same_kind(f.name, f.ties.back()) ? 0.8 : 0.999)) d.verdict = Verdict::ambiguous;
     }
@@ -162,23 +155,14 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
 
 Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options) {
   Diagnosis d;
-  auto last = std::chrono::steady_clock::now();
-  const auto lap = [&](const char* what) {
-    const auto now = std::chrono::steady_clock::now();
-    d.seconds.emplace_back(what, std::chrono::duration<double>(now - last).count());
-    last = now;
-  };
+  Laps lap(d);
   const auto progress = [&](double fraction, const char* what) {
     if (options.progress) options.progress(fraction, what);
   };
   d.record = record.name;
   d.model = machine.name;
   d.experiments = static_cast<int>(experiments(record).size());
-  for (const auto& [key, value] : options.set) {
-    for (Coefficient& c : machine.coefficients) {
-      if (c.name == key) c.nominal = value;
-    }
-  }
+  declare(machine, options);
   Work w = lay_out(record, machine, options, d);
   Data& data = w.s.data;
   const Problem& p = w.p;
@@ -210,7 +194,7 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   for (const Selection::Tie& t : f.ties) {
     const std::string law = name_of(machine, t.from), other = name_of(machine, t.to);
     if (!law.starts_with("quadratic_drag@") || !other.starts_with("viscous_") || !same_kind(law, other)) continue;
-    if (t.above > close || !(t.predicted < no_worse)) continue;
+    if (t.above > no_telling || !(t.predicted < no_worse)) continue;
     f.part = search.prefer(t);
     f.ties = search.ties();
     break;

@@ -57,8 +57,6 @@ struct Found {
   std::map<int, std::pair<double, double>> alone;  // Selection::alone()
 };
 
-std::string name_of(const Machine& m, int coefficient);
-
 // The tables of parameters and of candidates, with what they give cause to note.
 void list_parameters(Diagnosis& d, const Work& w, const Found& f);
 void list_candidates(Diagnosis& d, const Work& w, const Found& f);

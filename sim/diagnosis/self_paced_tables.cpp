@@ -13,11 +13,6 @@ constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
-std::string name_of(const Machine& m, int coefficient) {
-  const auto k = static_cast<std::size_t>(coefficient);
-  return (k < m.declared && !m.coefficients[k].candidate ? "parameter:" : "") + m.coefficients[k].name;
-}
-
 void list_parameters(Diagnosis& d, const Work& w, const Found& f) {
   const Machine& machine = *w.p.machine;
   for (std::size_t k = 0; k < machine.declared; ++k) {

@@ -43,8 +43,7 @@ void tell(Diagnosis& d) {
              d.all.before, d.all.refit, sigmas));
   s.push_back(verdict_sentence(d));
   for (const Finding& f : d.effects) {
-    std::string tie;
-    for (const auto& t : f.ties) tie += (tie.empty() ? "" : ", ") + t;
+    const std::string tie = listed(f.ties);
     s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s.", f.name.c_str(), f.value,
                        f.unit.c_str(), f.low, f.high, std::abs(f.z), tie.empty() ? "" : "; could as well be ",
                        tie.c_str()));

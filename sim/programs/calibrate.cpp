@@ -12,6 +12,7 @@
 
 #include "../diagnosis/diagnosis.hpp"
 #include "../diagnosis/synthetic.hpp"
+#include "../format.hpp"
 #include "core/random.hpp"
 
 namespace saltus::program {
@@ -79,27 +80,25 @@ bool tied(const Diagnosis& d, const std::set<std::string>& truth) {
   }
   if (left.empty() && d.effects.size() == truth.size()) return true;
   for (const Rival& r : d.rivals) {
-    if (r.bic <= 6.0 && std::set<std::string>(r.names.begin(), r.names.end()) == truth) return true;
+    if (r.bic <= no_telling && std::set<std::string>(r.names.begin(), r.names.end()) == truth) return true;
   }
   return false;
 }
 
 std::string words_of(const Diagnosis& d) {
   if (d.effects.empty()) return std::string(name(d.verdict));
-  std::string said;
+  std::vector<std::string> effects, sets;
   for (const Finding& f : d.effects) {
-    said += (said.empty() ? "" : " + ") + f.name;
-    for (const std::string& t : f.ties) said += " or " + t;
+    effects.push_back(f.name);
+    for (const std::string& t : f.ties) effects.back() += " or " + t;
   }
-  if (d.verdict == Verdict::ambiguous) {
-    for (const Rival& r : d.rivals) {
-      if (r.bic > 6.0) continue;
-      std::string other;
-      for (const auto& n : r.names) other += (other.empty() ? "" : " + ") + n;
-      said += " or " + (other.empty() ? "no effect" : other);
-    }
+  sets.push_back(listed(effects, " + "));
+  for (const Rival& r : d.rivals) {
+    const bool is_tie = r.names.size() == 1 && d.effects.size() == 1;  // said beside the effect already
+    if (d.verdict != Verdict::ambiguous || r.bic > no_telling || is_tie) continue;
+    sets.push_back(r.names.empty() ? "no effect" : listed(r.names, " + "));
   }
-  return said;
+  return listed(sets, " or ");
 }
 
 Score judge(const Diagnosis& d, const Truth& truth) {
@@ -283,7 +282,8 @@ void add_calibrate(CLI::App& app) {
   command->add_option("--trials", a->trials, "seeds a line of the table")
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  command->add_option("--times", a->times, "size of an effect, in detection limits; the first of a pair is twice as large")
+  command
+      ->add_option("--times", a->times, "size of an effect, in detection limits; the first of a pair is twice as large")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command->add_option("--experiments", a->experiments, "experiments of a campaign")

@@ -176,8 +176,7 @@ std::string step_table(const Diagnosis& d) {
       "fitted</th><th>parts better</th>"
       "<th></th></tr>\n";
   for (const Step& t : d.self_paced.steps) {
-    std::string beside;
-    for (const auto& b : t.beside) beside += (beside.empty() ? "" : ", ") + b;
+    const std::string beside = listed(t.beside);
     std::string what_became = t.taken ? "taken" : "not claimed";
     if (!t.instead.empty()) {
       what_became += format(" instead of %s: free runs off by %.0f %% of what they are with it", t.instead.c_str(),

@@ -1,0 +1,111 @@
+#include "paced.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "../format.hpp"
+#include "setup.hpp"
+
+namespace saltus::diagnosis {
+namespace {
+
+// Noise from what the refitted model leaves between neighbours, and single samples left out that are far from both
+// neighbours' residual.
+void noise_without_repeats(const Question& q, Data& data, const Fit& declared) {
+  const auto r = residuals(q.p, q.all, fit(q.p, q.all, declared, {}));
+  noise_from_residuals(data, r);
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  for (const int index : q.all) {
+    Segment& s = data.segments[static_cast<std::size_t>(index)];
+    const auto& e = r[static_cast<std::size_t>(index)];
+    for (Eigen::Index i = ny; i + ny < e.size(); ++i) {
+      if (s.count[i] > 0.0 && std::abs(e[i] - 0.5 * (e[i - ny] + e[i + ny])) > 8.0 * data.noise[i % ny] &&
+          std::abs(e[i] - e[i - ny]) > 6.0 * data.noise[i % ny] &&
+          std::abs(e[i] - e[i + ny]) > 6.0 * data.noise[i % ny]) {
+        s.count[i] = 0.0;
+        ++data.quality.outliers;
+      }
+    }
+  }
+}
+
+}  // namespace
+
+double expected_chi2(const Problem& p, const std::vector<int>& segments) {
+  double n = 0.0;
+  for (const int index : segments) {
+    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
+    n += static_cast<double>((s.count.array() > 0.0).count()) -
+         static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
+  }
+  return n;
+}
+
+Fit Question::predict(const std::vector<int>& segments, const Fit& f) const {
+  FitOptions o;
+  o.refit_parameters = false;
+  return fit(p, segments, f, {}, o);
+}
+
+Question::Question(const Record& record, const Machine& m, const Options& options)
+    : machine(m), data(prepare(record, m)) {
+  p.machine = &machine;
+  p.data = &data;
+  for (std::size_t i = 0; i < machine.declared; ++i) {
+    const Coefficient& c = machine.coefficients[i];
+    const bool exact = c.candidate || static_cast<int>(i) == machine.clock;
+    double tolerance = exact ? 0.0 : 0.02 * std::abs(c.nominal);
+    for (const auto& [key, sigma] : options.tolerance) {
+      if (key == c.name) tolerance = sigma;
+    }
+    p.tolerance.push_back(tolerance);
+  }
+  double spacing = std::numeric_limits<double>::infinity();
+  const Segment& any = data.segments.front();
+  for (std::size_t i = 1; i < any.t.size(); ++i) spacing = std::min(spacing, any.t[i] - any.t[i - 1]);
+  p.h_max = 0.5 * spacing;
+  guess_starts(p, data, record.name);
+  refuse_nonsense(p, data, record.name);
+  p.h_max = choose_step(p);
+  p.h_slope = std::min(spacing, 4.0 * p.h_max);
+
+  for (std::size_t i = 0; i < data.segments.size(); ++i) all.push_back(static_cast<int>(i));
+  double rows = 0.0;
+  for (const Segment& s : data.segments) rows += static_cast<double>((s.count.array() > 0.0).count());
+  const double unknowns = static_cast<double>(machine.declared) + static_cast<double>(all.size()) * machine.starts();
+  if (rows < 5.0 * unknowns) {
+    throw RecordError(record.name,
+                      "it has " + text(rows, "%.0f") + " measurements for " + text(unknowns, "%.0f") + " unknowns",
+                      "record for longer");
+  }
+  const int whole = static_cast<int>(all.size());
+  const int held = std::min(options.holdout < 0 ? std::max(1, whole / 3) : options.holdout, whole - 1);
+  for (const int i : all) (i + held >= whole ? test : train).push_back(i);
+
+  // Effects, and declared parameters said to be exact.
+  for (std::size_t i = 0; i < machine.coefficients.size(); ++i) {
+    const Coefficient& c = machine.coefficients[i];
+    const bool exact =
+        i < machine.declared && !c.candidate && static_cast<int>(i) != machine.clock && p.tolerance[i] == 0.0;
+    const bool effect = c.candidate && c.profile_of.empty();
+    if ((effect || exact) && wanted(options.candidates, name_of(machine, static_cast<int>(i))))
+      candidates.push_back(static_cast<int>(i));
+  }
+  if (!options.candidates.empty() && candidates.empty()) {
+    throw RecordError(record.name, "no candidate has the name " + listed(options.candidates),
+                      "leave --candidates out to see them all");
+  }
+
+  declared = predict(all, declared_fit(p));
+  if (!std::isfinite(declared.chi2)) {
+    throw RecordError(record.name, "the declared model, driven as recorded, leaves its charts",
+                      "record with a smaller amplitude, or correct the model");
+  }
+  for (int round = 0; round < 2 && !data.noise_measured; ++round) {
+    noise_without_repeats(*this, data, declared);
+    declared = predict(all, declared_fit(p));
+  }
+}
+
+}  // namespace saltus::diagnosis
