@@ -25,9 +25,11 @@ struct Segment {
   std::vector<Eigen::VectorXd> deviation;  // (repeats)(rows) of each repeat from the mean; 0 where missing
   Eigen::VectorXd within;                  // (outputs) sum of squares of what measurements deviate from their means
   Start guess;
-  std::vector<double> spread;  // (free coordinates of the start) how far off the guess may be
+  std::vector<double> spread;  // (free coordinates of the guess) how far off it may be
 
   Course course(double h_max) const { return {t, u, first, h_max}; }
+  // The spread of a free coordinate of a start, which may have more of them than the guess.
+  double spread_of(std::size_t k) const { return k < spread.size() ? spread[k] : 1.0; }
   std::size_t samples() const { return t.size() - first; }  // whose outputs there are
 };
 

@@ -43,7 +43,7 @@ double start_penalty(const Problem& p, const Segment& s, const Start& start) {
   const auto coordinates = p.machine->free_coordinates(start.chart);
   for (std::size_t k = 0; k < coordinates.size() && s.guess.chart == start.chart; ++k) {
     const auto c = static_cast<std::size_t>(coordinates[k]);
-    const double off = (start.x[c] - s.guess.x[c]) / (k < s.spread.size() ? s.spread[k] : 1.0);
+    const double off = (start.x[c] - s.guess.x[c]) / s.spread_of(k);
     sum += off * off;
   }
   return sum;
@@ -88,7 +88,7 @@ void renew_gradient(const Problem& p, const std::vector<int>& segments, const Fi
     n.g += g.tail(n.g.size());
     const auto coordinates = p.machine->free_coordinates(start.chart);
     for (std::size_t k = 0; k < coordinates.size() && s.guess.chart == start.chart; ++k) {
-      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      const double spread = s.spread_of(k);
       const auto c = static_cast<std::size_t>(coordinates[k]);
       a.s[static_cast<Eigen::Index>(k)] -= (start.x[c] - s.guess.x[c]) / (spread * spread);
     }
@@ -141,7 +141,7 @@ Normal normal_equations(const Problem& p, const std::vector<int>& segments, cons
     const auto coordinates = p.machine->free_coordinates(f.start[static_cast<std::size_t>(segments[j])].chart);
     for (Eigen::Index i = 0; i < n_start; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      const double spread = s.spread_of(k);
       a.ss(i, i) += k < coordinates.size() ? 1.0 / (spread * spread) : 1.0;  // 1: a direction this chart does not have
     }
   }
@@ -200,6 +200,14 @@ bool sensible(const Machine& machine, const Fit& f) {
     if (sum < 0.0) return false;
   }
   return true;
+}
+
+std::vector<double> chi2_of_each(const Problem& p, const std::vector<int>& segments, const Fit& f) {
+  std::vector<double> each;
+  for (const Eigen::VectorXd& r : cost_of(p, segments, f).r) {
+    each.push_back(r.size() > 0 ? r.squaredNorm() : std::numeric_limits<double>::infinity());
+  }
+  return each;
 }
 
 Fit declared_fit(const Problem& p) {

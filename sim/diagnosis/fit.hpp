@@ -51,6 +51,9 @@ bool sensible(const Machine& machine, const Fit& f);
 // A fit at declared values and guessed starts, nothing adjusted.
 Fit declared_fit(const Problem& p);
 
+// chi squared of each of the segments named, in their order; infinite where the machine cannot follow.
+std::vector<double> chi2_of_each(const Problem& p, const std::vector<int>& segments, const Fit& f);
+
 // Residuals of the segments named, measured minus model [unit]; 0 where nothing was measured; empty for the others.
 std::vector<Eigen::VectorXd> residuals(const Problem& p, const std::vector<int>& segments, const Fit& f);
 

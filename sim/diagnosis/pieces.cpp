@@ -1,87 +1,342 @@
 #include "pieces.hpp"
 
+#include <Eigen/Cholesky>
+
+#include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
+
+#include "core/random.hpp"
+#include "runs.hpp"
+#include "sets.hpp"
+#include "side_by_side.hpp"
 
 namespace saltus::diagnosis {
 namespace {
 
-// Where the machine is at every multiple of `length` samples, as far as a fit knows.
-std::vector<Start> along(const Problem& p, const Segment& s, const std::vector<double>& values, Start start,
-                         std::size_t length) {
-  const std::size_t inputs = p.machine->inputs.size();
-  std::vector<Start> r;
-  for (std::size_t begin = 0; begin < s.samples(); begin += length) {
-    r.push_back(start);
-    if (begin + length >= s.samples()) break;
-    const std::size_t at = s.first + begin;
-    const Response on =
-        p.machine->values_only(values,
-                               Course{std::span(s.t).subspan(at, length + 1),
-                                      std::span(s.u).subspan(at * inputs, (length + 1) * inputs), 0, p.h_max},
-                               start);
-    if (usable(on.status)) start = on.end;
+struct Piece {
+  int segment = 0;
+  std::size_t begin = 0, end = 0;  // samples of it
+  Start start;
+  double chi2 = 0.0;
+  int parts = 1;  // pieces of the round before that it is joined of
+};
+
+// The pieces as segments of their own, of which fits can be asked.
+struct Cut {
+  Data data;
+  Problem problem;
+  std::vector<int> all;
+
+  Cut(const Problem& p, const std::vector<Piece>& pieces) : problem(p) {
+    data.sections = p.data->sections;
+    data.noise = p.data->noise;
+    for (const Piece& piece : pieces) {
+      const Segment& s = p.data->segments[static_cast<std::size_t>(piece.segment)];
+      Segment cut = part_of(s, piece.begin, piece.end, s.first);
+      cut.spread = s.spread;
+      cut.guess = piece.start;
+      data.segments.push_back(std::move(cut));
+    }
+    problem.data = &data;
+    all.resize(pieces.size());
+    std::iota(all.begin(), all.end(), 0);
   }
-  return r;
+  Cut(const Cut&) = delete;
+};
+
+// Starts that lead nowhere, moved by ever more of what they may be off by until the machine follows.
+void mend_starts(const Cut& cut, std::vector<Start>& starts, const std::vector<double>& values) {
+  const Machine& machine = *cut.problem.machine;
+  side_by_side(starts.size(), [&](std::size_t k) {
+    const Segment& s = cut.data.segments[k];
+    const Start as_it_was = starts[k];
+    const auto coordinates = machine.free_coordinates(as_it_was.chart);
+    Random random(k);
+    for (double reach = 1e-3; reach < 1.0 && !usable(respond(cut.problem, s, values, starts[k]).status); reach *= 1.3) {
+      starts[k] = as_it_was;
+      for (std::size_t i = 0; i < coordinates.size(); ++i)
+        starts[k].x[static_cast<std::size_t>(coordinates[i])] += reach * s.spread_of(i) * random.normal();
+    }
+  });
+}
+
+// Fits the pieces from where they start; what it finds is theirs.
+Fit fit_pieces(const Problem& p, std::vector<Piece>& pieces, const Fit& from, const std::vector<int>& effects,
+               const FitOptions& options) {
+  const Cut cut(p, pieces);
+  Fit f = from;
+  f.start.clear();
+  for (const Piece& piece : pieces) f.start.push_back(piece.start);
+  mend_starts(cut, f.start, f.values);
+  f = fit(cut.problem, cut.all, f, effects, options);
+  const std::vector<double> chi2 = chi2_of_each(cut.problem, cut.all, f);
+  for (std::size_t k = 0; k < pieces.size(); ++k) {
+    pieces[k].start = f.start[k];
+    pieces[k].chi2 = chi2[k];
+  }
+  return f;
+}
+
+double cost_of(const Problem& p, const std::vector<Piece>& pieces, const Fit& values) {
+  const Cut cut(p, pieces);
+  Fit f = values;
+  f.start.clear();
+  for (const Piece& piece : pieces) f.start.push_back(piece.start);
+  const std::vector<double> chi2 = chi2_of_each(cut.problem, cut.all, f);
+  return std::accumulate(chi2.begin(), chi2.end(), f.penalty);
+}
+
+// Segments cut to `length` samples each, where the machine is as far as a fit knows; those in `whole` are not cut.
+std::vector<Piece> cut_to(const Problem& p, const std::vector<int>& segments, const Fit& f, std::size_t length,
+                          const std::vector<int>& whole) {
+  const std::size_t inputs = p.machine->inputs.size();
+  std::vector<Piece> pieces;
+  for (const int index : segments) {
+    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
+    Start start = f.start[static_cast<std::size_t>(index)];
+    if (has(whole, index)) {
+      pieces.push_back({index, 0, s.samples(), start});
+      continue;
+    }
+    for (std::size_t begin = 0; begin < s.samples(); begin += length) {
+      pieces.push_back({index, begin, std::min(begin + length, s.samples()), start});
+      if (begin + length >= s.samples()) break;
+      const std::size_t at = s.first + begin;
+      const Response on =
+          p.machine->values_only(f.values,
+                                 Course{std::span(s.t).subspan(at, length + 1),
+                                        std::span(s.u).subspan(at * inputs, (length + 1) * inputs), 0, p.h_max},
+                                 start);
+      if (usable(on.status)) start = on.end;
+    }
+  }
+  return pieces;
+}
+
+// Neighbours joined while they are no longer than `length`. What they are worth apart is kept in chi2.
+std::vector<Piece> join(const std::vector<Piece>& pieces, std::size_t length) {
+  std::vector<Piece> joined;
+  for (const Piece& piece : pieces) {
+    if (!joined.empty() && joined.back().segment == piece.segment && piece.end - joined.back().begin <= length) {
+      Piece& last = joined.back();
+      last.end = piece.end;
+      last.chi2 += piece.chi2;
+      ++last.parts;
+    } else {
+      joined.push_back(piece);
+      joined.back().parts = 1;
+    }
+  }
+  return joined;
+}
+
+// chi squared of a segment run from a start.
+double chi2_from(const Problem& p, const Segment& s, const Fit& values, const Start& start) {
+  const Response r = respond(p, s, values.values, start);
+  if (!usable(r.status)) return std::numeric_limits<double>::infinity();
+  const Eigen::Map<const Eigen::VectorXd> y(r.y.data(), s.y.size());
+  return weights(*p.data, s).cwiseProduct(s.y - y).squaredNorm();
+}
+
+// The best of starts drawn from what a segment leaves open around one, for a longer one. A step, such as one bounce
+// more, may lie between two starts that look the same at first.
+Start drawn(const Problem& known, const Segment& s, const Problem& longer, const Segment& more, const Fit& values,
+            const Start& around, std::uint64_t seed) {
+  constexpr int draws = 64;
+  const Response y = sensitivities(known, s, values.values, around, {});
+  const auto coordinates = known.machine->free_coordinates(around.chart);
+  const auto m = static_cast<Eigen::Index>(coordinates.size());
+  if (!usable(y.status)) return around;
+  const Eigen::Map<const RowMajor> gradient(y.gradient.data(), s.y.size(), known.machine->width());
+  const Eigen::MatrixXd J = weights(*known.data, s).asDiagonal() * gradient.leftCols(m);
+  Eigen::MatrixXd information = J.transpose() * J;
+  for (Eigen::Index i = 0; i < m; ++i)  // what nothing measured depends on, its guess alone tells
+    information(i, i) += 1.0 / std::pow(s.spread_of(static_cast<std::size_t>(i)), 2);
+  const Eigen::LLT<Eigen::MatrixXd> factor(information);
+  if (factor.info() != Eigen::Success) return around;
+  Random random(seed);
+  Start best = around;
+  double lowest = chi2_from(longer, more, values, around);
+  for (int draw = 0; draw < draws; ++draw) {
+    Eigen::VectorXd off(m);
+    for (double& x : off) x = (draw % 2 == 0 ? 1.0 : 3.0) * random.normal();
+    factor.matrixU().solveInPlace(off);
+    Start start = around;
+    for (std::size_t i = 0; i < coordinates.size(); ++i)
+      start.x[static_cast<std::size_t>(coordinates[i])] += off[static_cast<Eigen::Index>(i)];
+    const double chi2 = chi2_from(longer, more, values, start);
+    if (!(chi2 < lowest)) continue;
+    lowest = chi2;
+    best = std::move(start);
+  }
+  return best;
+}
+
+// From pieces whose starts are known to longer ones that ran into a hollow: a little further at a time.
+void follow_on(const Problem& p, std::vector<Piece>& pieces, const std::vector<Piece>& known, const Fit& values) {
+  const auto cycle = static_cast<std::size_t>(p.data->sections);
+  FitOptions starts;
+  starts.refit_parameters = false;
+  std::vector<Piece> reached = known;
+  for (bool more = true; more;) {
+    more = false;
+    std::vector<Piece> next = reached;
+    for (std::size_t k = 0; k < next.size(); ++k) {
+      const std::size_t length = reached[k].end - reached[k].begin;
+      next[k].end = std::min(pieces[k].end, reached[k].end + std::max(cycle, length / 8));
+      more = more || next[k].end < pieces[k].end;
+    }
+    const Cut before(p, reached), after(p, next);
+    side_by_side(next.size(), [&](std::size_t k) {
+      next[k].start = drawn(before.problem, before.data.segments[k], after.problem, after.data.segments[k], values,
+                            reached[k].start, next[k].end);
+    });
+    fit_pieces(p, next, values, {}, starts);
+    reached = std::move(next);
+  }
+  for (std::size_t k = 0; k < pieces.size(); ++k) {
+    pieces[k].start = reached[k].start;
+    pieces[k].chi2 = reached[k].chi2;
+  }
+}
+
+// A join that costs more than what it ties can tell ran into a hollow.
+bool holds(const Problem& p, const Piece& joined, double apart) {
+  const double rows = static_cast<double>(p.data->outputs() * (joined.end - joined.begin));
+  return joined.chi2 < apart + 15.0 + 0.05 * rows;
+}
+
+// Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless.
+bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, const std::vector<int>& effects,
+                         const FitOptions& options, std::size_t length, double hopeless) {
+  const std::vector<Piece> apart = join(pieces, length);
+  std::vector<Piece> joined = apart;
+  const Fit together = fit_pieces(p, joined, f, effects, options);
+  const bool follows = std::isfinite(together.chi2);
+  const auto first_of = [&](std::size_t n) { return pieces.begin() + static_cast<std::ptrdiff_t>(n); };
+  struct Stuck {
+    std::size_t place;  // of its first part
+    Piece piece;
+    int parts;
+  };
+  std::vector<Stuck> stuck;
+  std::vector<Piece> mixed, as_before;
+  std::size_t joins = 0, n = 0;
+  for (std::size_t k = 0; k < joined.size(); ++k) {
+    const int parts = joined[k].parts;
+    const auto next = n + static_cast<std::size_t>(parts);
+    joins += parts > 1;
+    if (parts == 1 || (follows ? holds(p, joined[k], apart[k].chi2) : std::isfinite(joined[k].chi2))) {
+      mixed.push_back(joined[k]);
+      as_before.push_back(apart[k]);
+    } else {
+      stuck.push_back({mixed.size(), apart[k], parts});
+      mixed.insert(mixed.end(), first_of(n), first_of(next));
+      as_before.insert(as_before.end(), first_of(n), first_of(next));
+    }
+    n = next;
+  }
+  if (stuck.empty()) {
+    pieces = std::move(joined);
+    f = together;
+    return true;
+  }
+  if (2 * stuck.size() > joins && !(together.chi2 < hopeless)) return false;
+  // From where the joins that hold were brought, or from before, if the others spoiled that.
+  const bool onward = follows && cost_of(p, mixed, together) < cost_of(p, as_before, f);
+  pieces = onward ? std::move(mixed) : std::move(as_before);
+  f = fit_pieces(p, pieces, onward ? together : f, effects, options);
+  std::vector<Piece> known, again;
+  for (const Stuck& s : stuck) {
+    known.push_back(pieces[s.place]);
+    again.push_back(s.piece);
+    again.back().start = known.back().start;
+  }
+  follow_on(p, again, known, f);
+  for (std::size_t k = stuck.size(); k-- > 0;) {  // from the end, so that places stay what they are
+    const auto at = first_of(stuck[k].place), end = at + stuck[k].parts;
+    const double before = std::accumulate(at, end, 0.0, [](double sum, const Piece& x) { return sum + x.chi2; });
+    if (!holds(p, again[k], before)) continue;
+    f.chi2 += again[k].chi2 - before;
+    *at = again[k];
+    pieces.erase(at + 1, end);
+  }
+  return true;
 }
 
 }  // namespace
 
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
-                const FitOptions& options, double hopeless) {
+                const FitOptions& options, double hopeless, const std::vector<int>& whole) {
   const auto cycle = static_cast<std::size_t>(p.data->sections);
-  Fit best = from;
-  best.chi2 = std::numeric_limits<double>::infinity();
-  std::vector<std::vector<Start>> starts;  // (segments)(pieces)
   std::size_t longest = 0;
-  for (const int index : segments) {
-    const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
-    starts.push_back(along(p, s, from.values, from.start[static_cast<std::size_t>(index)], cycle));
-    longest = std::max(longest, s.samples());
+  for (const int s : segments) longest = std::max(longest, p.data->segments[static_cast<std::size_t>(s)].samples());
+  std::vector<Piece> pieces = cut_to(p, segments, from, cycle, whole);
+  // Cycle by cycle any parameter would fill a gap; the starts come first.
+  FitOptions first = options;
+  first.refit_parameters = false;
+  Fit f = fit_pieces(p, pieces, from, effects, first), none = from;
+  none.chi2 = std::numeric_limits<double>::infinity();
+  for (std::size_t length = cycle; length < 2 * longest; length *= 2) {
+    if (length > cycle && !join_where_it_holds(p, pieces, f, effects, options, length, hopeless)) return none;
+    if (length >= longest && pieces.size() > segments.size()) {  // once more, with what the others taught
+      join_where_it_holds(p, pieces, f, effects, options, length, hopeless);
+      pieces = join(pieces, length);
+      f = fit_pieces(p, pieces, f, effects, options);
+    }
+    if (!(f.chi2 < hopeless)) return none;
   }
-  for (std::size_t length = cycle;; length *= 2) {
-    Data data;
-    data.sections = p.data->sections;
-    data.noise = p.data->noise;
-    Fit f = best;
-    f.start.clear();
-    std::vector<int> all;
-    for (std::size_t j = 0; j < segments.size(); ++j) {
-      const Segment& s = p.data->segments[static_cast<std::size_t>(segments[j])];
-      for (std::size_t k = 0; k < starts[j].size(); ++k) {
-        const std::size_t begin = k * length, end = std::min(begin + length, s.samples());
-        Segment piece = part_of(s, begin, end, s.first);
-        piece.spread = s.spread;
-        piece.guess = starts[j][k];
-        f.start.push_back(piece.guess);
-        all.push_back(static_cast<int>(data.segments.size()));
-        data.segments.push_back(std::move(piece));
-      }
+  f.start = from.start;
+  for (const Piece& piece : pieces) f.start[static_cast<std::size_t>(piece.segment)] = piece.start;
+  return f;
+}
+
+double scan(const Problem& p, const std::vector<int>& segments, const Fit& from, int effect) {
+  constexpr std::size_t most_cycles = 16;  // of each segment: enough for a first value
+  const auto at = static_cast<std::size_t>(effect);
+  const Coefficient& c = p.machine->coefficients[at];
+  const auto cycle = static_cast<std::size_t>(p.data->sections);
+  FitOptions starts;
+  starts.refit_parameters = false;
+  starts.iterations = 6;
+  starts.enough = 1.0;
+  const auto cost = [&](double value, std::size_t length) {
+    Fit f = from;
+    f.values[at] = c.nominal + value;
+    std::vector<Piece> pieces;
+    for (const Piece& piece : cut_to(p, segments, f, length, {})) {
+      if (piece.end <= most_cycles * cycle) pieces.push_back(piece);
     }
-    Problem q = p;
-    q.data = &data;
-    f = fit(q, all, f, effects, options);
-    if (!std::isfinite(f.chi2)) return best;
-    if (f.chi2 > hopeless) {
-      best.chi2 = std::numeric_limits<double>::infinity();
-      return best;
-    }
-    // Of every two pieces the first one's start.
-    std::size_t at = 0;
-    for (std::size_t j = 0; j < segments.size(); ++j) {
-      std::vector<Start> next;
-      for (std::size_t k = 0; k < starts[j].size(); ++k, ++at) {
-        if (k == 0) best.start[static_cast<std::size_t>(segments[j])] = f.start[at];
-        if (k % 2 == 0) next.push_back(f.start[at]);
-      }
-      starts[j] = std::move(next);
-    }
-    best.values = f.values;
-    best.chi2 = f.chi2;
-    best.penalty = f.penalty;
-    best.status = f.status;
-    if (length >= longest) return best;
+    return fit_pieces(p, pieces, f, {}, starts).chi2;
+  };
+  double best = std::numeric_limits<double>::quiet_NaN(), lowest = std::numeric_limits<double>::infinity();
+  const auto look = [&](double value, std::size_t length) {
+    const double now = cost(value, length);
+    if (!(now < lowest)) return;
+    lowest = now;
+    best = value;
+  };
+  int rising = 0;
+  for (int k = 0; k <= 10 && rising < 3; ++k) {
+    const double before = lowest;
+    look(0.1 * c.probe * std::exp2(k), cycle);
+    rising = lowest < before ? 0 : rising + 1;
   }
+  if (!std::isfinite(lowest)) return best;
+  double step = 0.5;  // [octave]
+  for (const std::size_t length : {cycle, 2 * cycle, 4 * cycle}) {
+    const double middle = best;
+    lowest = cost(middle, length);
+    for (int halvings = 0; halvings < 3; ++halvings, step *= 0.5) {
+      const double from_here = best;
+      look(from_here * std::exp2(step), length);
+      look(from_here / std::exp2(step), length);
+    }
+    step *= 4.0;
+  }
+  return best;
 }
 
 }  // namespace saltus::diagnosis

@@ -1,6 +1,5 @@
 #include "search.hpp"
 
-#include <Eigen/Cholesky>
 #include <Eigen/LU>
 
 #include <algorithm>
@@ -8,20 +7,23 @@
 #include <limits>
 
 #include "core/trace/statistics.hpp"
-#include "pieces.hpp"
 #include "sets.hpp"
-#include "setup.hpp"
 
 namespace saltus::diagnosis {
+
 Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> candidates, double false_alarm)
     : p_(p), segments_(std::move(segments)), candidates_(std::move(candidates)) {
-  for (const int s : segments_) {
-    const auto& c = p.data->segments[static_cast<std::size_t>(s)].count;
-    samples_ += static_cast<double>((c.array() > 0.0).count());
-    measurements_ += c.sum();
-  }
+  for (const int s : segments_) measurements_ += p.data->segments[static_cast<std::size_t>(s)].count.sum();
+  samples_ = samples_of(segments_);
   threshold_ = largest_of(std::max(1, static_cast<int>(candidates_.size())), false_alarm);
   view_level_ = 0.1 * false_alarm;
+}
+
+double Search::samples_of(const std::vector<int>& segments) const {
+  double n = 0.0;
+  for (const int s : segments)
+    n += static_cast<double>((p_.data->segments[static_cast<std::size_t>(s)].count.array() > 0.0).count());
+  return n;
 }
 
 const Trial& Search::store(Trial t) {
@@ -50,7 +52,8 @@ void Search::finish_near(double bic) {
     const Trial* left = nullptr;
     for (const auto& [set, t] : pool_) {
       const bool done = (t.thorough && t.fit.converged) || t.rounds >= most_rounds;
-      if (!done && !(t.bic > limit + (t.fit.converged ? 0.0 : slow)) && (left == nullptr || t.bic < left->bic)) left = &t;
+      if (!done && !(t.bic > limit + (t.fit.converged ? 0.0 : slow)) && (left == nullptr || t.bic < left->bic))
+        left = &t;
     }
     if (left == nullptr) return;
     const std::vector<int> set = left->effects;
@@ -140,10 +143,17 @@ std::vector<int> Search::judged() const {
   return r;
 }
 
-Gate Search::gate(const Fit& f) const {
+Gate Search::look(const Fit& f) const {
   Gate g;
   g.views = views(p_, segments_, f);
   for (const View& v : g.views) g.views_pass = g.views_pass && v.p > view_level_;
+  return g;
+}
+
+bool Search::passes(const Fit& f) const { return look(f).views_pass && gate(f).passes(); }
+
+Gate Search::gate(const Fit& f) const {
+  Gate g = look(f);
   g.evidence = among(weigh(p_, segments_, f, signatures_at(f)), candidates_);
   judge_scores(g);
   return g;
@@ -162,97 +172,6 @@ void Search::judge_scores(Gate& g) const {
       g.scores_pass = false;
     }
   }
-}
-
-// A change of gait leaves hollows between the start and the truth: by pieces, at first with the parameters as they are,
-// which would fill the gap with anything.
-void Search::grow(int added) {
-  const std::vector<int> set{added};
-  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
-  const auto at = static_cast<std::size_t>(added);
-  std::vector<int> part = segments_;
-  if (part.size() > 3) part.resize(3);
-  // With fewer of a run's ties than the best so far, and worse: it will not get better with more.
-  FitOptions as_is;
-  as_is.iterations = 0;
-  const double hopeless = fit(p_, part, best().fit, best().effects, as_is).cost();
-  std::vector<double> reached;
-  for (const double guess : {0.1 * c.probe, c.probe}) {
-    FitOptions o;
-    o.iterations = 6;
-    o.refit_parameters = false;
-    Fit f = declared_;
-    f.values[at] = c.nominal + guess;
-    f = fit_growing(p_, part, f, set, o);
-    if (f.values[at] - c.nominal < 0.011 * c.probe) continue;  // at its least: it is not there
-    const auto same = [&](double v) { return std::abs(v - f.values[at]) < 0.01 * std::abs(v - c.nominal); };
-    if (std::any_of(reached.begin(), reached.end(), same)) continue;  // all from here would be as it was
-    reached.push_back(f.values[at]);
-    o.refit_parameters = true;
-    if (std::isfinite(f.chi2)) f = fit_growing(p_, part, f, set, o, hopeless);
-    if (!std::isfinite(f.chi2)) continue;
-    Fit others = f;  // the starts of the other segments, at what has been found
-    if (part.size() < segments_.size() && settle_starts(p_, others)) {
-      for (const int s : part) others.start[static_cast<std::size_t>(s)] = f.start[static_cast<std::size_t>(s)];
-      f.start = std::move(others.start);
-    }
-    store({set, fit(p_, segments_, f, set), 0.0, true});
-  }
-}
-
-const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient) {
-  const std::vector<int> set = with(from, added);
-  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
-  std::vector<double> guesses;
-  if (c.probe > 0.0) {
-    guesses = {c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
-  } else {
-    guesses = {estimate};
-    const double turn = p_.machine->cycle_period;
-    if (patient && c.shifts_time) guesses.insert(guesses.end(), {0.09 * turn, 0.01 * turn, 0.03 * turn});
-    if (patient && !c.shifts_time) guesses.insert(guesses.end(), {10.0 * estimate, 3.0 * estimate});
-  }
-  Trial t{set, start, 0.0, false};
-  t.fit.chi2 = std::numeric_limits<double>::infinity();
-  // Several starts: a few steps each on part of the data, then the best one on all of it.
-  std::vector<int> part = segments_;
-  FitOptions brief, quick;
-  quick.brief = brief.brief = true;
-  if (guesses.size() > 1) {
-    if (part.size() > 3) part.resize(3);
-    brief.iterations = 4;
-    brief.enough = 1.0;
-  }
-  const auto at = static_cast<std::size_t>(added);
-  for (std::size_t i = 0; i < guesses.size(); ++i) {
-    Fit f = start;
-    double v = c.nominal + guesses[i];
-    if (c.shifts_time) v = std::clamp(v, 0.0, 0.1 * p_.machine->cycle_period);
-    f.values[at] = v;
-    f = fit(p_, part, f, set, guesses.size() > 1 ? brief : quick);
-    // From below and from far above to the same: so would all between.
-    const bool same = i == 1 && !(c.probe > 0.0) && std::abs(f.cost() - t.fit.cost()) < brief.enough &&
-                      std::abs(f.values[at] - t.fit.values[at]) < 0.05 * std::abs(f.values[at]);
-    if (f.cost() < t.fit.cost()) t.fit = std::move(f);
-    if (same) break;
-  }
-  if (guesses.size() > 1) {
-    const std::vector<int> rest(segments_.begin() + static_cast<std::ptrdiff_t>(part.size()), segments_.end());
-    if (!rest.empty() && std::isfinite(t.fit.chi2)) {  // its starts belong to other values still
-      FitOptions starts = brief;
-      starts.refit_parameters = false;
-      const Fit moved = fit(p_, rest, t.fit, {}, starts);
-      if (std::isfinite(moved.chi2)) t.fit.start = moved.start;
-    }
-    t.fit = fit(p_, segments_, t.fit, set, quick);
-  }
-  return store(std::move(t));
-}
-
-// Where a linear estimate is apt to be trapped far below the truth: several starts.
-bool Search::curved(int coefficient) const {
-  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
-  return c.shifts_time || c.probe > 0.0 || c.name.find("damper") != std::string::npos;
 }
 
 std::vector<Search::Lead> Search::leads_at(const Trial& t, const Evidence& e, std::size_t most) const {
@@ -290,7 +209,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   }
   const bool none_is_it = best().fit.chi2 - samples_ > 0.05 * (base().fit.chi2 - samples_);
   enlarge(progress);
-  if (p_.data->sections > 0 && none_is_it && !gate(best().fit).passes()) {
+  if (p_.data->sections > 0 && none_is_it && !passes(best().fit)) {
     // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
     // gait.
     const std::vector<int> before = best().effects;
@@ -305,6 +224,47 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   return settle();
 }
 
+// All pairs, to first order at the baseline; the most promising are fitted.
+void Search::fit_likely_pairs() {
+  const Evidence& e = base_gate_.evidence;
+  struct Pair {
+    int i, j;
+    double vi, vj, gain;
+  };
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+    for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
+      const auto a = static_cast<Eigen::Index>(i), c = static_cast<Eigen::Index>(j);
+      if (!e.usable(a) || !e.usable(c) || std::abs(e.cosine(a, c)) > 0.98) continue;
+      Eigen::Matrix2d I;
+      I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
+      const Eigen::Vector2d s(e.score[a], e.score[c]);
+      const Eigen::Vector2d v = I.inverse() * s;
+      if (!physical(e.candidate[i], v[0]) || !physical(e.candidate[j], v[1])) continue;
+      pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
+    }
+  }
+  std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.gain > y.gain; });
+  struct Begun {
+    std::vector<int> set;
+    Fit fit;
+  };
+  std::vector<Begun> begun;
+  FitOptions brief;
+  brief.brief = true;
+  for (std::size_t k = 0; k < pairs.size() && k < 3; ++k) {
+    const Pair& q = pairs[k];
+    const std::vector<int> set = with({q.i}, q.j);
+    if (pool_.count(set) > 0) continue;
+    Fit f = base().fit;
+    f.values[static_cast<std::size_t>(q.i)] += q.vi;
+    f.values[static_cast<std::size_t>(q.j)] += q.vj;
+    begun.push_back({set, fit(p_, few_and_rest().first, f, set, brief)});
+  }
+  std::sort(begun.begin(), begun.end(), [](const Begun& x, const Begun& y) { return x.fit.cost() < y.fit.cost(); });
+  for (const Begun& b : begun) complete(b.set, b.fit, brief);
+}
+
 // From the best sets of one effect to sets of two, and on, until the gate passes or nothing larger helps.
 void Search::enlarge(const std::function<void(double)>& progress) {
   constexpr std::size_t most_effects = 4;
@@ -312,11 +272,11 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     finish_near(0.0);
     Trial b = best();
     if (b.effects.size() < size) break;  // nothing larger helped
-    if (gate(b.fit).passes() || size == most_effects) break;
+    if (passes(b.fit) || size == most_effects) break;
     if (size == 1) {  // a twin of it may be all there is: a second effect would only make up for the difference
       swap_twins(b);
       b = best();
-      if (b.effects.size() == 1 && gate(b.fit).passes()) break;
+      if (b.effects.size() == 1 && passes(b.fit)) break;
     }
     if (size > 1) {  // where one leaves a trifle, more must leave much less
       const Trial* one = leaving_a_trifle();
@@ -328,7 +288,7 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     // From the best few sets of this size to the next.
     std::vector<const Trial*> sets;
     for (const auto& [set, t] : pool_) {
-      if (set.size() == size) sets.push_back(&t);
+      if (set.size() == size && std::isfinite(t.bic)) sets.push_back(&t);
     }
     std::sort(sets.begin(), sets.end(), [](const Trial* x, const Trial* y) { return x->bic < y->bic; });
     if (sets.size() > 2) sets.resize(2);
@@ -342,40 +302,11 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       next.insert(next.end(), some.begin(), first);
       more.insert(more.end(), first, some.end());  // should none of these be it
     }
-    if (size == 1) {  // all pairs, to first order at the baseline
-      const Evidence& e = base_gate_.evidence;
-      struct Pair {
-        int i, j;
-        double vi, vj, gain;
-      };
-      std::vector<Pair> pairs;
-      for (std::size_t i = 0; i < e.candidate.size(); ++i) {
-        for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
-          const auto a = static_cast<Eigen::Index>(i), c = static_cast<Eigen::Index>(j);
-          if (!e.usable(a) || !e.usable(c) || std::abs(e.cosine(a, c)) > 0.98) continue;
-          Eigen::Matrix2d I;
-          I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
-          const Eigen::Vector2d s(e.score[a], e.score[c]);
-          const Eigen::Vector2d v = I.inverse() * s;
-          if (!physical(e.candidate[i], v[0]) || !physical(e.candidate[j], v[1])) continue;
-          pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
-        }
-      }
-      std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.gain > y.gain; });
-      for (std::size_t k = 0; k < pairs.size() && k < 3; ++k) {
-        const Pair& q = pairs[k];
-        const std::vector<int> set = with({q.i}, q.j);
-        if (pool_.count(set) > 0) continue;
-        Fit f = base().fit;
-        f.values[static_cast<std::size_t>(q.i)] += q.vi;
-        f.values[static_cast<std::size_t>(q.j)] += q.vj;
-        store({set, fit(p_, segments_, f, set), 0.0, true});
-      }
-    }
+    if (size == 1) fit_likely_pairs();
     const std::size_t likely = next.size();
     next.insert(next.end(), more.begin(), more.end());
     for (std::size_t i = 0; i < next.size(); ++i) {
-      if (i == likely && gate(best().fit).passes()) break;
+      if (i == likely && passes(best().fit)) break;
       const Lead& l = next[i];
       const bool patient = curved(l.added) && i < 3;
       if (l.gain < 4.0 || (!patient && pool_.count(with(l.from, l.added)) > 0)) continue;

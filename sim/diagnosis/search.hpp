@@ -81,11 +81,21 @@ class Search {
     double estimate, gain;  // [unit of added], [-] of chi squared, both to first order
   };
   bool curved(int coefficient) const;
+  std::vector<double> guesses(int added, double estimate, bool patient) const;
   std::vector<Lead> leads_at(const Trial& t, const Evidence& e, std::size_t most) const;
   void enlarge(const std::function<void(double)>& progress);
   const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient);
+  const Trial& complete(const std::vector<int>& set, Fit f, FitOptions options);
+  const Trial& dismiss(const std::vector<int>& set);
   void grow(int added);
+  std::pair<std::vector<int>, std::vector<int>> few_and_rest() const;
+  double samples_of(const std::vector<int>& segments) const;
+  double cost_on(const std::vector<int>& segments, const Fit& f) const;
+  bool far_behind(const Fit& f, const std::vector<int>& segments) const;
+  void fit_likely_pairs();
   const Trial& store(Trial t);
+  Gate look(const Fit& f) const;    // a gate's views alone
+  bool passes(const Fit& f) const;  // the gate, without scores where the views tell enough
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;

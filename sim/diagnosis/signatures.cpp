@@ -77,7 +77,7 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
     Eigen::MatrixXd ss = S.transpose() * S;
     for (Eigen::Index i = 0; i < n_start; ++i) {
       const auto k = static_cast<std::size_t>(i);
-      const double spread = k < s.spread.size() ? s.spread[k] : 1.0;
+      const double spread = s.spread_of(k);
       ss(i, i) += 1.0 / (spread * spread);
     }
     const Eigen::LDLT<Eigen::MatrixXd> solver(ss);

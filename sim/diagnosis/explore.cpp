@@ -1,0 +1,137 @@
+// The part of the search that fits one set of effects from where it may lead to the best there is: a cost that is
+// curved, or has hollows, is entered from several sides.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+
+#include "pieces.hpp"
+#include "search.hpp"
+#include "sets.hpp"
+#include "setup.hpp"
+
+namespace saltus::diagnosis {
+
+// Segments that show where a fit will end, and the others.
+std::pair<std::vector<int>, std::vector<int>> Search::few_and_rest() const {
+  const auto middle = segments_.begin() + static_cast<std::ptrdiff_t>(std::min<std::size_t>(3, segments_.size()));
+  return {{segments_.begin(), middle}, {middle, segments_.end()}};
+}
+
+double Search::cost_on(const std::vector<int>& segments, const Fit& f) const {
+  const std::vector<double> each = chi2_of_each(p_, segments, f);
+  return std::accumulate(each.begin(), each.end(), f.penalty);
+}
+
+// Fitted to some segments alone, and there behind the best of all by more than a few steps make up for?
+bool Search::far_behind(const Fit& f, const std::vector<int>& segments) const {
+  const double lead = cost_on(segments, best().fit);
+  return f.cost() > lead + 100.0 + 0.1 * std::max(0.0, lead - samples_of(segments));
+}
+
+// Where a linear estimate is apt to be trapped far below the truth.
+bool Search::curved(int coefficient) const {
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
+  return c.shifts_time || c.probe > 0.0 || c.name.find("damper") != std::string::npos;
+}
+
+// How far from its nominal value to start an effect.
+std::vector<double> Search::guesses(int added, double estimate, bool patient) const {
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
+  if (c.probe > 0.0) {
+    const auto alone = pool_.find({added});
+    if (alone == pool_.end()) return {c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
+    const double found = alone->second.fit.values[static_cast<std::size_t>(added)] - c.nominal;
+    return found > 0.1 * c.probe ? std::vector<double>{found, 0.1 * c.probe}
+                                 : std::vector<double>{c.probe, 0.1 * c.probe};
+  }
+  if (!patient) return {estimate};
+  const double turn = p_.machine->cycle_period;
+  if (c.shifts_time) return {estimate, 0.09 * turn, 0.01 * turn, 0.03 * turn};
+  return {estimate, 10.0 * estimate, 3.0 * estimate};
+}
+
+const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient) {
+  const std::vector<int> set = with(from, added);
+  const auto at = static_cast<std::size_t>(added);
+  const Coefficient& c = p_.machine->coefficients[at];
+  const auto off_by = [&](double guess) {
+    Fit f = start;
+    f.values[at] = c.nominal + guess;
+    if (c.shifts_time) f.values[at] = std::clamp(f.values[at], 0.0, 0.1 * p_.machine->cycle_period);
+    return f;
+  };
+  FitOptions quick;
+  quick.brief = true;
+  const std::vector<double> starts = guesses(added, estimate, patient);
+  if (starts.size() == 1 && from.empty())
+    return store({set, fit(p_, segments_, off_by(starts[0]), set, quick), 0.0, false});
+
+  // A few steps from each on part of the data, then from the best on all of it.
+  constexpr double hopeless = 1e4;  // [-] times the best so far
+  FitOptions brief = quick;
+  if (starts.size() > 1) {
+    brief.iterations = 4;
+    brief.enough = 1.0;
+  }
+  const std::vector<int> part = few_and_rest().first;
+  Fit best = start;
+  best.chi2 = std::numeric_limits<double>::infinity();
+  for (std::size_t i = 0; i < starts.size(); ++i) {
+    Fit f = off_by(starts[i]);
+    if (i > 0 && !(cost_on(part, f) < hopeless * best.cost())) continue;
+    f = fit(p_, part, f, set, brief);
+    // From below and from far above to the same: so would all between.
+    const bool same = i == 1 && !(c.probe > 0.0) && std::abs(f.cost() - best.cost()) < 10.0 * brief.enough &&
+                      std::abs(f.values[at] - best.values[at]) < 0.05 * std::abs(f.values[at]);
+    if (f.cost() < best.cost()) best = std::move(f);
+    if (same) break;
+  }
+  // At its nominal value, or worse than without it: it is not there.
+  const bool absent = best.values[at] == c.nominal || (c.probe > 0.0 && !(best.cost() < cost_on(part, start)));
+  return absent ? dismiss(set) : complete(set, best, brief);
+}
+
+// From a fit to the few segments to one to all, where it is worth it.
+const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions options) {
+  const auto [part, rest] = few_and_rest();
+  if (set.size() > 1 && far_behind(f, part)) return dismiss(set);
+  if (!rest.empty()) {  // their starts belong to other values still
+    options.refit_parameters = false;
+    const Fit moved = fit(p_, rest, f, {}, options);
+    if (std::isfinite(moved.chi2)) f.start = moved.start;
+  }
+  FitOptions quick;
+  quick.brief = true;
+  return store({set, fit(p_, segments_, f, set, quick), 0.0, false});
+}
+
+const Trial& Search::dismiss(const std::vector<int>& set) {
+  Trial t{set, base().fit, 0.0, false};
+  t.fit.chi2 = std::numeric_limits<double>::infinity();
+  return store(std::move(t));
+}
+
+// A change of gait leaves hollows between the start and the truth. From the value at which short runs fit best, at
+// first with the parameters as they are, which would fill the gap with anything.
+void Search::grow(int added) {
+  const std::vector<int> set{added};
+  const auto at = static_cast<std::size_t>(added);
+  const auto [part, rest] = few_and_rest();
+  Fit f = declared_;
+  f.values[at] = p_.machine->coefficients[at].nominal + scan(p_, part, f, added);
+  if (!std::isfinite(f.values[at])) return;
+  // With fewer of a run's ties than the best so far it leaves half as much, or will not be it with more.
+  const double samples = samples_of(part);
+  f = fit_growing(p_, part, f, set, {}, samples + 0.5 * std::max(0.0, cost_on(part, best().fit) - samples));
+  if (!std::isfinite(f.chi2)) return;
+  Fit settled = f;
+  if (!rest.empty() && settle_starts(p_, settled)) {
+    for (const int s : rest) f.start[static_cast<std::size_t>(s)] = settled.start[static_cast<std::size_t>(s)];
+    const Fit grown = fit_growing(p_, segments_, f, set, {}, std::numeric_limits<double>::infinity(), part);
+    if (std::isfinite(grown.chi2)) f = grown;
+  }
+  store({set, fit(p_, segments_, f, set), 0.0, true});
+}
+
+}  // namespace saltus::diagnosis
