@@ -83,9 +83,11 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
       // First order is not enough to dismiss a near twin of a large effect.
       if (o.loss > 100.0 && std::abs(o.cosine) < 0.97) continue;
       const std::vector<int> set = with(without(best_trial.effects, e), o.c);
-      // A fit that ended far above what the first order promises ended in a valley of its own: once more, from here.
+      // A fit that ended far above what the first order promises ended in a valley of its own, and one that ended close
+      // by may have ended early where a force jumps: once more, from here.
       if (const auto it = pool_.find(set); it != pool_.end()) {
-        if (it->second.bic < best_trial.bic + 2.0 * o.loss / inflation_ + 10.0 || retried_.count(set) > 0) continue;
+        const double above = it->second.bic - best_trial.bic;
+        if ((above > 30.0 && above < 2.0 * o.loss / inflation_ + 10.0) || retried_.count(set) > 0) continue;
         retried_.insert(set);
       }
       Fit g = best_trial.fit;
