@@ -42,7 +42,8 @@ void declare(Machine& machine, const Options& options);
 struct Finding {
   std::string name, unit;
   double value = 0.0, low = 0.0, high = 0.0;  // estimate and 95 % interval
-  double z = 0.0;                             // in its standard errors
+  double declared = 0.0;                      // of an effect nobody declared 0
+  double z = 0.0;                             // from there, in standard errors
   std::vector<std::string> ties;
 };
 

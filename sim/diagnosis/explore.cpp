@@ -58,6 +58,7 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
   const auto off_by = [&](double guess) {
     Fit f = start;
     f.values[at] = c.nominal + guess;
+    f.values[at] = std::max(f.values[at], lower_bound(c));
     if (c.shifts_time) f.values[at] = std::clamp(f.values[at], 0.0, 0.1 * p_.machine->cycle_period);
     return f;
   };

@@ -163,12 +163,6 @@ double penalty_of(const Problem& p, const std::vector<double>& values) {
   return sum;
 }
 
-double lower_bound(const Coefficient& c) {
-  if (c.probe > 0.0) return 0.0;
-  if (c.shifts_time) return 0.0;
-  return c.candidate && c.physical > 0 ? 0.0 : -std::numeric_limits<double>::infinity();
-}
-
 // Starts eliminated: the information on the free coefficients and their gradient.
 void reduce(const Normal& n, double damping, Eigen::MatrixXd& h, Eigen::VectorXd& g, std::vector<Eigen::MatrixXd>& back,
             std::vector<Eigen::VectorXd>& back_r) {
@@ -228,6 +222,8 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
   }
   for (const int e : effects) {
     if (std::find(f.free.begin(), f.free.end(), e) == f.free.end()) f.free.push_back(e);
+    const auto k = static_cast<std::size_t>(e);
+    f.values[k] = std::max(f.values[k], lower_bound(p.machine->coefficients[k]));
   }
   const auto n_free = static_cast<Eigen::Index>(f.free.size());
   Cost now = cost_of(p, segments, f);

@@ -28,8 +28,7 @@ std::vector<Search::Interval> Search::intervals(Trial& t) {
         for (int step = 0; step < 4 && !better; ++step) {
           double& end = side < 0.0 ? interval.low : interval.high;
           end = value + side * reach;
-          const double nominal = p_.machine->coefficients[k].nominal;
-          if (!physical(c, end - nominal)) break;
+          if (end <= lower_bound(p_.machine->coefficients[k])) break;
           Fit f = t.fit;
           f.values[k] = end;
           f = fit(p_, segments_, f, without(t.effects, c));

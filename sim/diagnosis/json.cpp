@@ -85,6 +85,7 @@ nlohmann::json to_json(const Diagnosis& d) {
                             {"value", f.value},
                             {"unit", f.unit},
                             {"ci95", {f.low, f.high}},
+                            {"declared", f.declared},
                             {"z", f.z},
                             {"ties", f.ties}});
   }

@@ -1,6 +1,7 @@
 // A model with all its candidate effects behind one run-time face, so that the diagnosis is compiled once.
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -77,6 +78,14 @@ class Machine {
   // `per_turn` instants of the next turn: where it is when nobody disturbs it. Empty when it does not get there.
   virtual std::vector<Start> cycle(std::span<const double> values, int turns, int per_turn) const = 0;
 };
+
+// The least value of a coefficient that makes sense.
+inline double lower_bound(const Coefficient& c) {
+  const bool bounded = c.probe > 0.0 || c.shifts_time || (c.candidate && c.physical > 0);
+  return bounded ? 0.0 : -std::numeric_limits<double>::infinity();
+}
+// Whether it has room to change from its nominal value by something of that sign.
+inline bool may_change(const Coefficient& c, double by) { return by > 0.0 || c.nominal > lower_bound(c); }
 
 // What a coefficient is called among candidates: a declared parameter with that word before its name.
 std::string name_of(const Machine& m, int coefficient);

@@ -48,6 +48,7 @@ void list_findings(Diagnosis& d, const Question& q, const Answer& a) {
     f.value = a.chosen.fit.values[static_cast<std::size_t>(c)];
     f.low = interval.low;
     f.high = interval.high;
+    f.declared = k.nominal;
     f.z = interval.sigma > 0.0 ? (f.value - k.nominal) / interval.sigma : 0.0;
     for (const auto& [mine, other] : a.ties) {
       if (mine == c) f.ties.push_back(name_of(q.machine, other));
@@ -147,7 +148,7 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
       row.remark = "unidentifiable while " + e.imitated_by[i] + " is free";
     } else {
       row.limit = (search.threshold() + 1.645) * e.error[k];
-      if (!search.physical(c, e.z[k]) && std::abs(e.z[k]) > search.threshold())
+      if (!search.may_change(c, e.value[k]) && std::abs(e.z[k]) > search.threshold())
         row.remark = "would need an unphysical sign";
     }
     if (row.remark.empty() && fitted && !std::isfinite(t->second.bic)) row.remark = "fitted, it leaves no less";

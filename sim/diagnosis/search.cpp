@@ -65,9 +65,8 @@ void Search::finish_near(double bic) {
   }
 }
 
-bool Search::physical(int coefficient, double value) const {
-  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
-  return c.physical == 0 || value > 0.0;
+bool Search::may_change(int coefficient, double by) const {
+  return diagnosis::may_change(p_.machine->coefficients[static_cast<std::size_t>(coefficient)], by);
 }
 
 bool Search::strayed() const {
@@ -182,7 +181,7 @@ std::vector<Search::Lead> Search::leads_at(const Trial& t, const Evidence& e, st
     // Where the response is curved the sign of a linear estimate, taken after the parameters imitated the effect,
     // says nothing about the effect itself.
     const bool linear = !(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0);
-    if (!e.usable(k) || (linear && !physical(c, e.value[k]))) continue;
+    if (!e.usable(k) || (linear && !may_change(c, e.value[k]))) continue;
     if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
     leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
   }
@@ -240,7 +239,7 @@ void Search::fit_likely_pairs() {
       I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
       const Eigen::Vector2d s(e.score[a], e.score[c]);
       const Eigen::Vector2d v = I.inverse() * s;
-      if (!physical(e.candidate[i], v[0]) || !physical(e.candidate[j], v[1])) continue;
+      if (!may_change(e.candidate[i], v[0]) || !may_change(e.candidate[j], v[1])) continue;
       pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
     }
   }

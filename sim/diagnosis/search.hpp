@@ -70,7 +70,7 @@ class Search {
   const std::vector<int>& candidates() const { return candidates_; }
   double threshold() const { return threshold_; }
   double samples() const { return samples_; }
-  bool physical(int coefficient, double value) const;
+  bool may_change(int coefficient, double by) const;
   // The base evidence's candidates that the data can judge, as coefficients.
   std::vector<int> judged() const;
 

@@ -135,7 +135,8 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
     const double sigma = std::max(found.error[at], std::sqrt(std::max(0.0, found.all.fit.covariance(at, at))));
     f.low = f.value - 1.96 * sigma;
     f.high = f.value + 1.96 * sigma;
-    f.z = sigma > 0.0 ? (f.value - machine.coefficients[k].nominal) / sigma : 0.0;
+    f.declared = machine.coefficients[k].nominal;
+    f.z = sigma > 0.0 ? (f.value - f.declared) / sigma : 0.0;
     for (const Selection::Tie& t : found.ties) {
       if (t.from != c) continue;
       if (std::abs(t.cosine) > 0.9) d.twins.push_back({name_of(machine, t.from), name_of(machine, t.to), t.cosine});

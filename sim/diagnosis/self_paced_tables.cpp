@@ -61,8 +61,9 @@ void list_candidates(Diagnosis& d, const Work& w, const Found& f) {
       row.limit = (d.threshold + 1.645) * f.before.error[k];
     }
     const auto j = f.left.find(c);
-    if (j >= 0 && f.left.usable(j) && f.left.z[j] < -d.threshold &&
-        machine.coefficients[static_cast<std::size_t>(c)].physical > 0) {
+    const auto at = static_cast<std::size_t>(c);
+    if (j >= 0 && f.left.usable(j) && std::abs(f.left.z[j]) > d.threshold &&
+        f.part.fit.values[at] + f.left.value[j] < lower_bound(machine.coefficients[at])) {
       row.remark = "what is left asks for an unphysical sign";
       d.notes.push_back(row.name + ": what is left would be smaller with " + text(f.left.value[j]) + " " + row.unit +
                         " (score " + text(f.left.z[j], "%.1f") +

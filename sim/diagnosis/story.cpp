@@ -44,9 +44,10 @@ void tell(Diagnosis& d) {
   s.push_back(verdict_sentence(d));
   for (const Finding& f : d.effects) {
     const std::string tie = listed(f.ties);
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s.", f.name.c_str(), f.value,
-                       f.unit.c_str(), f.low, f.high, std::abs(f.z), tie.empty() ? "" : "; could as well be ",
-                       tie.c_str()));
+    const std::string from = f.declared == 0.0 ? "" : format(" from the declared %.4g", f.declared);
+    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s%s.", f.name.c_str(), f.value,
+                       f.unit.c_str(), f.low, f.high, std::abs(f.z), from.c_str(),
+                       tie.empty() ? "" : "; could as well be ", tie.c_str()));
   }
   if (d.verdict == Verdict::parameters_only) {
     std::string t;

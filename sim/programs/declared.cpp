@@ -51,15 +51,16 @@ std::vector<Setting> carried(const std::string& path, const diagnosis::Machine& 
 
 }  // namespace
 
-double declared_value(const diagnosis::Machine& m, const std::string& name, const std::string& option) {
+double declared_value(const diagnosis::Machine& m, const std::string& name, const std::string& option, Sized sized) {
+  const bool effects = sized == Sized::effects_too || !m.has_clock;
   std::string names;
   for (std::size_t i = 0; i < m.coefficients.size(); ++i) {
     const auto& c = m.coefficients[i];
-    if (c.name == name && (!c.candidate || !m.has_clock)) return c.nominal;
-    if (c.candidate || i >= m.declared) continue;
-    names += (names.empty() ? "" : ", ") + c.name;
+    if (c.name == name && (effects || !c.candidate) && c.profile_of.empty()) return c.nominal;
+    if (!c.candidate && i < m.declared) names += (names.empty() ? "" : ", ") + c.name;
   }
-  throw UsageError(option + ": " + m.name + " has no parameter '" + name + "'; it has " + names);
+  throw UsageError(option + ": " + m.name + " has no parameter " + (effects ? "or effect " : "") + "'" + name +
+                   "'; it has " + names + (effects ? ", and the effects that diagnose --json lists" : ""));
 }
 
 std::vector<std::pair<std::string, double>> declared(const std::vector<std::string>& settings,
@@ -74,7 +75,7 @@ std::vector<std::pair<std::string, double>> declared(const std::vector<std::stri
       continue;
     }
     const Setting s = parse_setting(text, "--set");
-    declared_value(machine, s.name, "--set " + text);
+    declared_value(machine, s.name, "--set " + text, Sized::effects_too);
     r.emplace_back(s.name, s.value);
   }
   return r;

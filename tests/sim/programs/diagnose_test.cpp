@@ -59,6 +59,33 @@ TEST_CASE("friction of a bench's verdict is declared on the walker by --set FILE
   CHECK(before(j) < 0.8 * before(json::parse(folder.read("plain.json"))));
 }
 
+TEST_CASE("an effect that was declared is taken back where the record has none, and not beyond nothing") {
+  const Folder folder;
+  const std::string record = std::string(SALTUS_TEST_DATA) + "/hopper/open-none.csv";
+  const auto done = folder.run({"diagnose", record, "--set", "quadratic_drag@body=0.03", "--candidates",
+                                "quadratic_drag@body,cubic_stiffness@leg", "--json", "v.json"});
+  CAPTURE(done.out, done.err);
+  REQUIRE(done.status == 0);
+  CHECK(done.out.find("from the declared 0.03") != std::string::npos);
+  const json j = json::parse(folder.read("v.json"));
+  CHECK(j["verdict"] == "effect_found");
+  REQUIRE(j["effects"].size() == 1);
+  const json& e = j["effects"][0];
+  CHECK(e["name"] == "quadratic_drag@body");
+  CHECK(e["declared"] == 0.03);
+  CHECK(e["z"] < -20.0);
+  CHECK(e["value"] >= 0.0);
+  CHECK(e["value"] < e["ci95"][1]);
+  CHECK(e["ci95"][1] < 0.003);
+
+  const auto wrong = folder.run({"diagnose", record, "--set", "quadratic_drag=0.03"});
+  CHECK(wrong.status == 2);
+  CHECK(wrong.err.find("no parameter or effect 'quadratic_drag'") != std::string::npos);
+  const auto tolerance = folder.run({"diagnose", record, "--tolerance", "quadratic_drag@body=1"});
+  CHECK(tolerance.status == 2);
+  CHECK(tolerance.err.find("no parameter 'quadratic_drag@body'") != std::string::npos);
+}
+
 TEST_CASE("a file that is no verdict, or speaks of nothing that fits, is refused by name") {
   const Folder folder;
   folder.write("walk.csv", two_walks());
