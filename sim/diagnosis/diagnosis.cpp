@@ -52,9 +52,19 @@ Verdict trace(Diagnosis& d, Answer& a, Search& search, const Options& options, L
   }
   if (!explained) return Verdict::unexplained;
   if (a.chosen.effects.empty()) return Verdict::parameters_only;
-  const double before = a.chosen.fit.cost();
-  a.intervals = search.intervals(a.chosen);
-  if (a.chosen.fit.cost() < before) a.after = search.gate(a.chosen.fit);
+  const auto sure = [&] {  // true: a better fit was found on the way
+    const double before = a.chosen.fit.cost();
+    a.intervals = search.intervals(a.chosen);
+    return a.chosen.fit.cost() < before;
+  };
+  if (sure()) {
+    const Trial& settled = search.settle();  // it may need fewer effects
+    if (settled.effects != a.chosen.effects && !settled.effects.empty() && search.gate(settled.fit).passes()) {
+      a.chosen = settled;
+      sure();
+    }
+    a.after = search.gate(a.chosen.fit);
+  }
   lap("how sure it is");
   return Verdict::effect_found;
 }

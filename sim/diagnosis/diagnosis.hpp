@@ -64,12 +64,13 @@ struct OutputError {
 
 struct CandidateRow {
   std::string name, unit;
-  double z = 0.0;        // score at the refitted baseline
-  double value = 0.0;    // estimate: of the nonlinear fit where there was one, else first order
-  double bic = 0.0;      // relative to the baseline, negative is better; NaN where not fitted
-  double heldout = 0.0;  // normalised error on held-out data; NaN where not fitted
-  double kept = 0.0;     // share of the signature the nuisance does not imitate
-  double limit = 0.0;    // detection limit, 95 % power
+  double z = 0.0;             // score at the refitted baseline
+  double value = 0.0;         // estimate: of the nonlinear fit where there was one, else first order
+  double bic = 0.0;           // relative to the baseline, negative is better; NaN where not fitted
+  double heldout = 0.0;       // normalised error on held-out data; NaN where not fitted
+  double kept = 0.0;          // share of the signature the nuisance does not imitate
+  double limit = 0.0;         // detection limit, 95 % power
+  std::vector<Seen> clarity;  // of what changes the charts, by rising size; of others a straight line
   std::string remark;
 };
 
@@ -141,7 +142,7 @@ struct Diagnosis {
   std::vector<Finding> effects;
   std::vector<ParameterRow> parameters;
   Errors all, heldout;
-  double excess_explained = 0.0;           // of the held-out excess over the noise, from refit to after
+  double excess_explained = 0.0;           // of the held-out excess over the noise, from refit to after; -1 at least
   double excess_explained_declared = 0.0;  // the same from the declared model
   double chi2_refit = 0.0, chi2_after = 0.0, expected = 0.0;  // of the means over repeats
   std::vector<OutputError> outputs;

@@ -27,7 +27,7 @@ struct Evidence {
   Eigen::VectorXd score;                 // information * value for one candidate alone
   std::vector<std::string> imitated_by;  // the nuisance that imitates it, where it is hardly identified
 
-  double freedom = 0.0;                  // [-] degrees of freedom of the scatter that gives it, 0 for white noise
+  double freedom = 0.0;    // [-] degrees of freedom of the scatter that gives it, 0 for white noise
   double inflation = 1.0;  // [-] variance along signatures over that of white noise, from the repeats
 
   Eigen::Index find(int coefficient) const;
@@ -37,6 +37,14 @@ struct Evidence {
 // `tolerances`: by what factor the declared tolerances are widened; large: what the data alone say.
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances = 1.0);
+
+constexpr double power_95 = 1.645;  // [-] standard errors above a threshold of what is seen with a power of 95 %
+// An effect of some size, and by how many standard errors it would be off.
+struct Seen {
+  double size = 0.0, z = 0.0;
+};
+// The size that is off by `z`, between those asked; NaN where none is.
+double size_seen(const std::vector<Seen>& curve, double z);
 
 // The same from signatures that are known already.
 Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,

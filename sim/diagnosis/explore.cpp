@@ -40,7 +40,7 @@ std::vector<double> Search::guesses(int added, double estimate, bool patient) co
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
   if (c.probe > 0.0) {
     const auto alone = pool_.find({added});
-    if (alone == pool_.end()) return {c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
+    if (alone == pool_.end()) return {c.probe, 0.7 * c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
     const double found = alone->second.fit.values[static_cast<std::size_t>(added)] - c.nominal;
     return found > 0.1 * c.probe ? std::vector<double>{found, 0.1 * c.probe}
                                  : std::vector<double>{c.probe, 0.1 * c.probe};
@@ -93,6 +93,28 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
   return absent ? dismiss(set) : complete(set, best, brief);
 }
 
+// Of an effect that changes the charts the cost has small hollows: from larger and smaller values, with all else
+// fitted there first, as long as that leads to less.
+void Search::step_aside(int added) {
+  const std::vector<int> set{added};
+  const auto at = static_cast<std::size_t>(added);
+  const double nominal = p_.machine->coefficients[at].nominal;
+  FitOptions quick;
+  quick.brief = true;
+  double wide = 0.1;
+  for (int round = 0; round < 4 && wide > 0.04; ++round) {
+    const Fit from = pool_.at(set).fit;
+    const double explained = base().fit.cost() - from.cost();
+    for (const double factor : {1.0 - wide, 1.0 + wide}) {
+      Fit f = from;
+      f.values[at] = nominal + factor * (from.values[at] - nominal);
+      f = fit(p_, segments_, f, {}, quick);
+      if (f.cost() < from.cost() + 0.5 * explained) store({set, fit(p_, segments_, f, set, quick), 0.0, false});
+    }
+    if (!(pool_.at(set).fit.cost() < from.cost() - 1.0)) wide *= 0.5;
+  }
+}
+
 // From a fit to the few segments to one to all, where it is worth it.
 const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions options) {
   const auto [part, rest] = few_and_rest();
@@ -122,9 +144,21 @@ void Search::grow(int added) {
   Fit f = declared_;
   f.values[at] = p_.machine->coefficients[at].nominal + scan(p_, part, f, added);
   if (!std::isfinite(f.values[at])) return;
-  // With fewer of a run's ties than the best so far it leaves half as much, or will not be it with more.
+  // With fewer of a run's ties than the best without it, it leaves half as much, or will not be it with more.
+  const Trial* rival = &base();
+  for (const auto& [other, t] : pool_) {
+    if (!has(other, added) && t.bic < rival->bic) rival = &t;
+  }
   const double samples = samples_of(part);
-  f = fit_growing(p_, part, f, set, {}, samples + 0.5 * std::max(0.0, cost_on(part, best().fit) - samples));
+  const double hopeless = samples + 0.5 * std::max(0.0, cost_on(part, rival->fit) - samples);
+  // It may do to move the starts there, all of them: a few alone may draw the value to where the others cannot follow.
+  FitOptions starts_alone;
+  starts_alone.refit_parameters = false;
+  const Fit there = fit(p_, segments_, f, {}, starts_alone);
+  if (std::isfinite(there.chi2)) {
+    if (passes(store({set, fit(p_, segments_, there, set), 0.0, true}).fit)) return;
+  }
+  f = fit_growing(p_, part, f, set, {}, hopeless);
   if (!std::isfinite(f.chi2)) return;
   Fit settled = f;
   if (!rest.empty() && settle_starts(p_, settled)) {

@@ -204,6 +204,20 @@ std::vector<double> chi2_of_each(const Problem& p, const std::vector<int>& segme
   return each;
 }
 
+Fit drawn_values(const Problem& p, const Fit& f, Random& random) {
+  Fit r = f;
+  const Eigen::LLT<Eigen::MatrixXd> factor(f.covariance);
+  if (f.free.empty() || factor.info() != Eigen::Success) return r;
+  Eigen::VectorXd off(f.covariance.rows());
+  for (double& x : off) x = random.normal();
+  off = factor.matrixL() * off;
+  for (std::size_t i = 0; i < f.free.size(); ++i) {
+    const auto c = static_cast<std::size_t>(f.free[i]);
+    r.values[c] = std::max(r.values[c] + off[static_cast<Eigen::Index>(i)], lower_bound(p.machine->coefficients[c]));
+  }
+  return r;
+}
+
 Fit declared_fit(const Problem& p) {
   Fit f;
   for (const Coefficient& c : p.machine->coefficients) f.values.push_back(c.nominal);

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "core/random.hpp"
 #include "data.hpp"
 #include "machine.hpp"
 
@@ -50,6 +51,9 @@ bool sensible(const Machine& machine, const Fit& f);
 
 // A fit at declared values and guessed starts, nothing adjusted.
 Fit declared_fit(const Problem& p);
+
+// A fit at values drawn from what it leaves open of them, starts as they are.
+Fit drawn_values(const Problem& p, const Fit& f, Random& random);
 
 // chi squared of each of the segments named, in their order; infinite where the machine cannot follow.
 std::vector<double> chi2_of_each(const Problem& p, const std::vector<int>& segments, const Fit& f);

@@ -126,7 +126,10 @@ nlohmann::json to_json(const Diagnosis& d) {
                                {"heldout", number(c.heldout)},
                                {"kept", number(c.kept)},
                                {"remark", c.remark}});
-    if (c.limit > 0.0) j["detection_limits"].push_back({{"name", c.name}, {"value", c.limit}, {"unit", c.unit}});
+    if (!(c.limit > 0.0)) continue;
+    json limit{{"name", c.name}, {"value", c.limit}, {"unit", c.unit}};
+    for (const Seen& s : c.clarity) limit["sizes"].push_back({s.size, s.z});
+    j["detection_limits"].push_back(std::move(limit));
   }
   j["candidates_tried"] = d.tried;
   j["threshold"] = d.threshold;

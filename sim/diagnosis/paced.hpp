@@ -28,9 +28,7 @@ struct Question {
   // Values fixed, starts free: how well does it predict data it was not fitted to?
   Fit predict(const std::vector<int>& segments, const Fit& f) const;
   // The held-out part, predicted with effects fitted without it.
-  Fit on_held_out(const Fit& f, const std::vector<int>& effects) const {
-    return predict(test, fit(p, train, f, effects));
-  }
+  Fit on_held_out(const Fit& f, const std::vector<int>& effects) const;
 };
 
 // chi squared where nothing but noise is left.

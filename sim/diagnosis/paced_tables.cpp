@@ -112,10 +112,15 @@ void list_errors(Diagnosis& d, const Question& q, const Answer& a, const Search&
   const double n = expected_chi2(q.p, q.test);
   const auto share = [&](double before) {
     const double excess = before - n;
-    return excess > 2.0 * std::sqrt(2.0 * n) ? std::min(1.0, 1.0 - (a.held_after.chi2 - n) / excess) : 0.0;
+    return excess > 2.0 * std::sqrt(2.0 * n) ? std::clamp(1.0 - (a.held_after.chi2 - n) / excess, -1.0, 1.0) : 0.0;
   };
   d.excess_explained = share(a.held_refit.chi2);
   d.excess_explained_declared = share(h_declared.chi2);
+  if (!d.effects.empty() && d.excess_explained < 0.0) {
+    d.notes.push_back(
+        "With the values that the fitted part alone gives, what was held out is not followed: the "
+        "machine's gait turns on small differences of them.");
+  }
   // Rivals on the same held-out data; if one predicts clearly better, likelihood and prediction disagree: a tie.
   for (const auto& [set, t] : search.pool()) {
     if (d.effects.empty() || set == a.chosen.effects || t.bic > a.chosen.bic + 2.0 * no_telling ||
@@ -135,7 +140,7 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
     const auto k = static_cast<Eigen::Index>(i);
     const int c = e.candidate[i];
     const Coefficient& own = q.machine.coefficients[static_cast<std::size_t>(c)];
-    CandidateRow row{name_of(q.machine, c), own.unit, e.z[k], e.value[k], nan, nan, e.kept[k], 0.0, ""};
+    CandidateRow row{name_of(q.machine, c), own.unit, e.z[k], e.value[k], nan, nan, e.kept[k], 0.0, {}, ""};
     const auto t = search.pool().find({c});
     const bool fitted = t != search.pool().end();
     if (fitted && std::isfinite(t->second.bic)) {
@@ -147,7 +152,12 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
     } else if (!e.usable(k)) {
       row.remark = "unidentifiable while " + e.imitated_by[i] + " is free";
     } else {
-      row.limit = (search.threshold() + 1.645) * e.error[k];
+      row.limit = search.limit_z() * e.error[k];
+      const bool holds = d.verdict == Verdict::no_discrepancy || d.verdict == Verdict::parameters_only;
+      if (holds && own.probe > 0.0) {
+        row.clarity = search.clarity(c);
+        row.limit = size_seen(row.clarity, search.limit_z());
+      }
       if (!search.may_change(c, e.value[k]) && std::abs(e.z[k]) > search.threshold())
         row.remark = "would need an unphysical sign";
     }

@@ -266,6 +266,30 @@ bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, c
   return true;
 }
 
+// The last joins where the values that the pieces leave open decide which way the machine goes: from values drawn
+// from what they leave, with the starts that go with them, until every join holds.
+void join_at_drawn_values(const Problem& p, std::vector<Piece>& pieces, Fit& f, const std::vector<int>& effects,
+                          const FitOptions& options, std::size_t length) {
+  constexpr int draws = 12;
+  constexpr double far = 50.0;  // [-] of chi squared above the best that pieces alone have
+  FitOptions starts = options;
+  starts.refit_parameters = false;
+  Random random(pieces.size());
+  std::vector<int> segments;
+  for (const Piece& piece : pieces) segments = with(segments, piece.segment);
+  for (int draw = 0; draw < draws; ++draw) {
+    Fit moved = drawn_values(p, f, random);
+    std::vector<Piece> there = pieces;
+    moved = fit_pieces(p, there, moved, {}, starts);
+    if (!(moved.cost() < f.cost() + far)) continue;
+    join_where_it_holds(p, there, moved, {}, starts, length, std::numeric_limits<double>::infinity());
+    if (there.size() > segments.size()) continue;
+    f = fit_pieces(p, there, moved, effects, options);
+    pieces = std::move(there);
+    return;
+  }
+}
+
 }  // namespace
 
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
@@ -283,8 +307,11 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
     if (length > cycle && !join_where_it_holds(p, pieces, f, effects, options, length, hopeless)) return none;
     if (length >= longest && pieces.size() > segments.size()) {  // once more, with what the others taught
       join_where_it_holds(p, pieces, f, effects, options, length, hopeless);
-      pieces = join(pieces, length);
-      f = fit_pieces(p, pieces, f, effects, options);
+      if (pieces.size() > segments.size()) join_at_drawn_values(p, pieces, f, effects, options, length);
+      if (pieces.size() > segments.size()) {
+        pieces = join(pieces, length);
+        f = fit_pieces(p, pieces, f, effects, options);
+      }
     }
     if (!(f.chi2 < hopeless)) return none;
   }

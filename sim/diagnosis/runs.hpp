@@ -1,9 +1,12 @@
 // Runs of a machine along a segment, as fits and signatures take them.
 #pragma once
 
+#include <Eigen/Cholesky>
+
 #include <algorithm>
 #include <cmath>
 #include <span>
+#include <utility>
 
 #include "fit.hpp"
 
@@ -26,5 +29,28 @@ inline Response sensitivities(const Problem& p, const Segment& s, std::span<cons
                               std::span<const int> wanted) {
   return p.machine->run(values, s.course(std::max(p.h_max, p.h_slope)), start, wanted, true);
 }
+
+// What a segment's own start does not imitate: S (S'S + prior)^-1 S' taken out of weighted rows, where S is what the
+// start does to them and the prior the spread of its coordinates.
+class WithoutStart {
+ public:
+  WithoutStart() = default;
+  WithoutStart(const Segment& s, Eigen::MatrixXd weighted) : S_(std::move(weighted)) {
+    Eigen::MatrixXd ss = S_.transpose() * S_;
+    for (Eigen::Index i = 0; i < ss.rows(); ++i) {
+      const double spread = s.spread_of(static_cast<std::size_t>(i));
+      ss(i, i) += 1.0 / (spread * spread);
+    }
+    solver_.compute(ss);
+  }
+  template <class Columns>
+  Eigen::MatrixXd operator()(const Columns& c) const {
+    return c - S_ * solver_.solve(S_.transpose() * c);
+  }
+
+ private:
+  Eigen::MatrixXd S_;  // (rows x starts)
+  Eigen::LDLT<Eigen::MatrixXd> solver_;
+};
 
 }  // namespace saltus::diagnosis

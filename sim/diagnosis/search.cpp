@@ -77,6 +77,11 @@ bool Search::strayed() const {
   return false;
 }
 
+double Search::left_by(const Trial& t) const {
+  const double z = gate(t.fit).worst_z;
+  return std::max(t.fit.chi2 - samples_, z * z);
+}
+
 const Trial* Search::leaving_a_trifle() const {
   constexpr double of_explained = 0.005, of_noise = 0.02;  // [-] of squares
   const double trifle = std::min(of_explained * (base().fit.chi2 - samples_), of_noise * measurements_);
@@ -85,7 +90,7 @@ const Trial* Search::leaving_a_trifle() const {
   for (const auto& [set, t] : pool_) {
     if (set.size() == 1 && t.fit.chi2 - samples_ < trifle && (best == nullptr || t.bic < best->bic)) best = &t;
   }
-  return best;
+  return best != nullptr && left_by(*best) < trifle ? best : nullptr;
 }
 
 void Search::baseline(const Fit& declared) {
@@ -206,14 +211,23 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       progress(0.3 + 0.1 * static_cast<double>(i) / static_cast<double>(others.size()));
     }
   }
-  const bool none_is_it = best().fit.chi2 - samples_ > 0.05 * (base().fit.chi2 - samples_);
+  // Of what changes the charts the slope at nothing says little, and the first fit may be trapped.
+  constexpr double little = 60.0, near = 100.0;  // [-] of BIC: evidence another cause may well match; in reach
+  for (const int c : judged()) {
+    if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
+    if (pool_.count({c}) == 0 && best().bic > base().bic - little) explore({}, base().fit, c, 0.0, true);
+    const auto t = pool_.find({c});
+    if (t != pool_.end() && t->second.bic < std::min(base().bic, best().bic + near)) step_aside(c);
+  }
+  const bool none_is_it = left_by(best()) > 0.05 * (base().fit.chi2 - samples_);
   enlarge(progress);
-  if (p_.data->sections > 0 && none_is_it && !passes(best().fit)) {
+  if (p_.data->sections > 0 && !p_.data->wandering && !passes(best().fit)) {
     // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
     // gait.
     const std::vector<int> before = best().effects;
     for (const int c : candidates_) {
       if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
+      if (!none_is_it && !has(best().effects, c)) continue;
       if (pool_.count({c}) == 0) explore({}, base().fit, c, 0.0, true);
       grow(c);
     }
@@ -348,8 +362,12 @@ const Trial& Search::settle() {
       const double nominal = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       const double off = b->fit.values[static_cast<std::size_t>(e)] - nominal;
       if (!(loss < bar) && !fewer.empty() && off * off < bar * b->fit.covariance(at, at)) {
-        // Its own interval says that the fit without it was trapped: once more, from here.
+        // Its own interval says that the fit without it was trapped: once more, from here, by and by.
         Fit f = b->fit;
+        for (const double part : {0.6, 0.3, 0.1}) {
+          f.values[static_cast<std::size_t>(e)] = nominal + part * off;
+          f = fit(p_, segments_, f, fewer);
+        }
         f.values[static_cast<std::size_t>(e)] = nominal;
         loss = store({fewer, fit(p_, segments_, f, fewer), 0.0, true}).fit.cost() - b->fit.cost();
       }

@@ -66,9 +66,17 @@ class Search {
   const Gate& base_gate() const { return base_gate_; }
   // Has the refit carried a declared parameter so far off that it may be imitating an effect?
   bool strayed() const;
+  // Squares that a trial leaves over the noise: all of them, or what one more candidate would take away, where chance
+  // in the others hides it.
+  double left_by(const Trial& t) const;
   const std::map<std::vector<int>, Trial>& pool() const { return pool_; }
   const std::vector<int>& candidates() const { return candidates_; }
   double threshold() const { return threshold_; }
+  // What an effect at its detection limit is off by, in standard errors: seen with a power of 95 %.
+  double limit_z() const { return threshold_ + power_95; }
+  // How clearly a candidate would be seen at the baseline, by rising size: of one that changes the charts no straight
+  // line tells. Empty where the machine does not follow.
+  std::vector<Seen> clarity(int coefficient) const;
   double samples() const { return samples_; }
   bool may_change(int coefficient, double by) const;
   // The base evidence's candidates that the data can judge, as coefficients.
@@ -88,6 +96,7 @@ class Search {
   const Trial& complete(const std::vector<int>& set, Fit f, FitOptions options);
   const Trial& dismiss(const std::vector<int>& set);
   void grow(int added);
+  void step_aside(int added);
   std::pair<std::vector<int>, std::vector<int>> few_and_rest() const;
   double samples_of(const std::vector<int>& segments) const;
   double cost_on(const std::vector<int>& segments, const Fit& f) const;

@@ -48,6 +48,7 @@ void list_candidates(Diagnosis& d, const Work& w, const Found& f) {
                      nan,
                      f.before.kept[k],
                      0.0,
+                     {},
                      ""};
     if (const auto t = f.alone.find(c); t != f.alone.end()) {
       row.bic = t->second.first;
@@ -58,7 +59,7 @@ void list_candidates(Diagnosis& d, const Work& w, const Found& f) {
     } else if (!f.before.usable(k)) {
       row.remark = "unidentifiable while " + f.before.imitated_by[i] + " is free";
     } else {
-      row.limit = (d.threshold + 1.645) * f.before.error[k];
+      row.limit = (d.threshold + power_95) * f.before.error[k];
     }
     const auto j = f.left.find(c);
     const auto at = static_cast<std::size_t>(c);

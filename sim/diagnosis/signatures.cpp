@@ -1,6 +1,4 @@
 // Residuals and signatures: what a fit leaves, and what every coefficient would do to it.
-#include <Eigen/Cholesky>
-
 #include <algorithm>
 
 #include "runs.hpp"
@@ -73,17 +71,9 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
       const auto column = std::find(all.begin(), all.end(), c) - all.begin();
       G.block(top, column, n, 1) = w.cwiseProduct(Eigen::Map<const Eigen::VectorXd>(y.y.data(), n) - y0) / probe;
     }
-    // Starts out: S (S'S + prior)^-1 S'.
-    Eigen::MatrixXd ss = S.transpose() * S;
-    for (Eigen::Index i = 0; i < n_start; ++i) {
-      const auto k = static_cast<std::size_t>(i);
-      const double spread = s.spread_of(k);
-      ss(i, i) += 1.0 / (spread * spread);
-    }
-    const Eigen::LDLT<Eigen::MatrixXd> solver(ss);
-    const Eigen::MatrixXd part = G.middleRows(top, n);
-    if (part.cols() > 0) G.middleRows(top, n) -= S * solver.solve(S.transpose() * part);
-    out.r.segment(top, n) -= S * solver.solve(S.transpose() * out.r.segment(top, n));
+    const WithoutStart without_start(s, std::move(S));
+    if (G.cols() > 0) G.middleRows(top, n) = without_start(Eigen::MatrixXd(G.middleRows(top, n)));
+    out.r.segment(top, n) = without_start(Eigen::VectorXd(out.r.segment(top, n)));
   });
   out.N = G.leftCols(n_nuisance);
   out.C = G.rightCols(static_cast<Eigen::Index>(out.candidates.size()));

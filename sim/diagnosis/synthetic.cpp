@@ -63,7 +63,8 @@ Record synthesise(const Machine& m, const std::vector<double>& values, const Cam
   const std::size_t nu = m.inputs.size(), ny = m.outputs.size();
   const int L = c.period * c.sections, head = c.settle * c.sections, total = head + c.repeats * L;
   for (int e = 0; e < c.experiments; ++e) {
-    Random random(seed, static_cast<std::uint64_t>(e) * 2 + 1), noise(seed, static_cast<std::uint64_t>(e) * 2 + 2);
+    Random random(c.stimuli.value_or(seed), static_cast<std::uint64_t>(e) * 2 + 1),
+        noise(seed, static_cast<std::uint64_t>(e) * 2 + 2);
     const std::vector<double> wave = stimulus(c, random, e == 0);
     std::vector<double> t, u;
     const int lead = c.sections;  // what acted before the record began

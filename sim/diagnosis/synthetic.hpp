@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -20,12 +21,13 @@ struct Campaign {
   int settle = 40;  // [cycle]
   int sections = 32;
   int tones = 14;
-  double amplitude = 0.15;      // [unit of the input] of each tone
-  std::vector<double> noise;    // (outputs) standard deviations
-  double drop = 0.0;            // [-] share of rows missing
-  double outliers = 0.0;        // [-] share of values far off
-  std::vector<double> quantum;  // (outputs) steps of the sensors, empty or 0: none
-  double colour = 0.0;          // [-] correlation of the noise from section to section
+  double amplitude = 0.15;               // [unit of the input] of each tone
+  std::vector<double> noise;             // (outputs) standard deviations
+  double drop = 0.0;                     // [-] share of rows missing
+  double outliers = 0.0;                 // [-] share of values far off
+  std::vector<double> quantum;           // (outputs) steps of the sensors, empty or 0: none
+  double colour = 0.0;                   // [-] correlation of the noise from section to section
+  std::optional<std::uint64_t> stimuli;  // their seed, where they are to be the same in other noise
 };
 
 // The values of all coefficients of a machine, some of them changed by name ("k", "quadratic_drag@body"); false and

@@ -30,9 +30,12 @@ struct Arguments {
   double times = 3.0;
 };
 
+using Sizes = std::vector<std::pair<std::string, double>>;  // of effects, by name
+
 struct Truth {
   std::string label;
-  std::vector<std::pair<std::string, double>> changes;  // of effects alone
+  Sizes limits;  // in detection limits of the experiment
+  Sizes sizes;   // as they are
   std::set<std::string> effects;
   bool parameters_off = false;
 };
@@ -101,7 +104,7 @@ std::string words_of(const Diagnosis& d) {
   return listed(sets, " or ");
 }
 
-Score judge(const Diagnosis& d, const Truth& truth) {
+Score judge(const Diagnosis& d, const Truth& truth, const Sizes& sizes) {
   Score s;
   s.trials = 1;
   if (truth.effects.empty()) {
@@ -119,7 +122,7 @@ Score judge(const Diagnosis& d, const Truth& truth) {
   }
   if (s.right == 0) s.named[words_of(d)] = 1;
   for (const Finding& f : d.effects) {
-    for (const auto& [effect, value] : truth.changes) {
+    for (const auto& [effect, value] : sizes) {
       if (f.name != effect) continue;
       ++s.intervals;
       s.covered += value >= f.low && value <= f.high;
@@ -128,11 +131,61 @@ Score judge(const Diagnosis& d, const Truth& truth) {
   return s;
 }
 
+// An experiment with stimuli of its own, and from a record of it without any effect what would be seen in it.
+struct Experiment {
+  Campaign campaign;
+  std::map<std::string, CandidateRow> seen;
+  double limit_z = 0.0;  // [-] what is at its limit is off by, in standard errors
+
+  Experiment() = default;
+  Experiment(const Arguments& a, Campaign c) : campaign(std::move(c)) {
+    const auto machine = make_machine(a.model);
+    std::vector<double> nominal;
+    values_with(*machine, {}, nominal);
+    const Diagnosis empty = diagnose(synthesise(*machine, nominal, campaign, a.seed), *make_machine(a.model), {});
+    for (const CandidateRow& row : empty.candidates) {
+      if (row.limit > 0.0) seen.emplace(row.name, row);
+    }
+    limit_z = empty.threshold + power_95;
+  }
+  // The size that is that many limits off: of what is no straight line, not that many times the limit's. NaN: none is.
+  double size_of(const std::string& effect, double limits) const {
+    const auto row = seen.find(effect);
+    if (row == seen.end()) return std::numeric_limits<double>::quiet_NaN();
+    const CandidateRow& c = row->second;
+    return c.clarity.empty() ? limits * c.limit : size_seen(c.clarity, limits * limit_z);
+  }
+};
+
+// Calls f(n) for n = 0 ... count - 1, `jobs` of them at a time.
+template <class F>
+void each(std::size_t count, int jobs, const F& f) {
+  std::atomic<std::size_t> next{0};
+  const auto work = [&] {
+    for (std::size_t n = next++; n < count; n = next++) f(n);
+  };
+  std::vector<std::jthread> others;
+  for (int j = 1; j < jobs; ++j) others.emplace_back(work);
+  work();
+}
+
 // One record of a machine that has what `truth` says, diagnosed.
-Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign, std::uint64_t seed) {
+Score try_once(const Truth& truth, const Arguments& a, const Experiment& experiment, std::uint64_t seed) {
+  Score score;
+  const auto refuse = [&](const std::string& why) {
+    score.trials = score.refused = 1;
+    score.named["refused: " + why] = 1;
+  };
   const auto machine = make_machine(a.model);
   Random random(seed, 99);
-  auto changes = truth.changes;
+  Sizes sizes = truth.sizes;
+  for (const auto& [effect, limits] : truth.limits) {
+    sizes.emplace_back(effect, experiment.size_of(effect, limits));
+    if (std::isfinite(sizes.back().second)) continue;
+    refuse("no " + effect + " is seen so clearly");
+    return score;
+  }
+  Sizes changes = sizes;
   if (truth.parameters_off) {
     for (std::size_t i = 0; i < machine->declared; ++i) {
       const Coefficient& c = machine->coefficients[i];
@@ -142,18 +195,13 @@ Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign,
   }
   std::vector<double> values;
   values_with(*machine, changes, values);
-  const Record record = synthesise(*machine, values, campaign, seed);
-  Score score;
-  const auto refuse = [&](const std::string& why) {
-    score.trials = score.refused = 1;
-    score.named["refused: " + why] = 1;
-  };
+  const Record record = synthesise(*machine, values, experiment.campaign, seed);
   if (record.rows() == 0) {
     refuse("the machine did not keep its rhythm");
     return score;
   }
   try {
-    score = judge(diagnose(record, *make_machine(a.model), {}), truth);
+    score = judge(diagnose(record, *make_machine(a.model), {}), truth, sizes);
   } catch (const RecordError& e) {
     refuse(e.what());
   }
@@ -162,14 +210,11 @@ Score try_once(const Truth& truth, const Arguments& a, const Campaign& campaign,
   return score;
 }
 
-void run(const Arguments& a) {
-  const auto fresh = [&] {
-    auto m = make_machine(a.model);
-    if (!m)
-      throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
-    return m;
-  };
-  if (!a.keep.empty()) std::filesystem::create_directories(a.keep);
+bool wanted(const Arguments& a, const char* scenario) {
+  return std::find(a.scenarios.begin(), a.scenarios.end(), scenario) != a.scenarios.end();
+}
+
+Campaign campaign_of(const Arguments& a) {
   Campaign campaign;
   campaign.experiments = a.experiments;
   campaign.period = a.period;
@@ -180,69 +225,74 @@ void run(const Arguments& a) {
     campaign.noise = {1e-4, 1e-3};
     campaign.amplitude = 1.5e-3;
   }
-  const auto machine = fresh();
-  std::vector<double> nominal;
-  values_with(*machine, {}, nominal);
-  // Detection limits of this very campaign, from one record without any effect.
-  const Diagnosis empty = diagnose(synthesise(*machine, nominal, campaign, a.seed), *fresh(), {});
-  std::map<std::string, double> limit;
-  for (const CandidateRow& c : empty.candidates) {
-    if (c.limit > 0.0) limit[c.name] = c.limit;
-  }
+  return campaign;
+}
+
+// The lines of the table, of effects that are seen in an experiment.
+std::vector<Truth> lines(const Arguments& a, const Experiment& first) {
   std::vector<std::string> effects = a.effects;
   if (effects.empty()) {
-    for (const auto& [name, value] : limit) {
+    for (const auto& [name, row] : first.seen) {
       if (name.compare(0, 10, "asymmetric") != 0) effects.push_back(name);
     }
   }
   std::vector<Truth> table;
-  const auto wanted = [&](const char* what) {
-    return std::find(a.scenarios.begin(), a.scenarios.end(), what) != a.scenarios.end();
-  };
-  if (wanted("none")) table.push_back({"no effect", {}, {}, false});
-  if (wanted("parameters")) table.push_back({"parameters off by their tolerances", {}, {}, true});
-  if (wanted("single")) {
+  if (wanted(a, "none")) table.push_back({"no effect", {}, {}, {}, false});
+  if (wanted(a, "parameters")) table.push_back({"parameters off by their tolerances", {}, {}, {}, true});
+  if (wanted(a, "single")) {
     for (const std::string& e : effects) {
-      if (limit.count(e) == 0)
+      if (first.seen.count(e) == 0)
         throw UsageError("--effects " + e + ": not a candidate that can be seen on this campaign");
-      table.push_back({e, {{e, a.times * limit.at(e)}}, {e}, false});
+      table.push_back({e, {{e, a.times}}, {}, {e}, false});
     }
   }
-  if (wanted("pair")) {  // each with the one half the list further on: neighbours are near twins
+  if (wanted(a, "pair")) {  // each with the one half the list further on: neighbours are near twins
     for (std::size_t i = 0; i < effects.size() / 2; ++i) {
       const auto &x = effects[i], &y = effects[i + effects.size() / 2];
-      if (limit.count(x) == 0 || limit.count(y) == 0) continue;
-      table.push_back({x + " + " + y, {{x, 2.0 * a.times * limit.at(x)}, {y, a.times * limit.at(y)}}, {x, y}, false});
+      if (first.seen.count(x) == 0 || first.seen.count(y) == 0) continue;
+      table.push_back({x + " + " + y, {{x, 2.0 * a.times}, {y, a.times}}, {}, {x, y}, false});
     }
   }
-  if (wanted("outside")) {
-    for (const Coefficient& c : machine->coefficients) {
+  if (wanted(a, "outside")) {
+    for (const Coefficient& c : make_machine(a.model)->coefficients) {
       if (c.profile_of.empty() || c.name.back() != '5') continue;
-      table.push_back({"outside: " + c.name, {{c.name, 0.1 * a.times}}, {"outside"}, false});
+      table.push_back({"outside: " + c.name, {}, {{c.name, 0.1 * a.times}}, {"outside"}, false});
     }
   }
+  return table;
+}
+
+void run(const Arguments& a) {
+  if (!make_machine(a.model))
+    throw UsageError("MODEL " + a.model + ": there is no such model to calibrate on; choose hopper or bouncing_ball");
+  if (!a.keep.empty()) std::filesystem::create_directories(a.keep);
+  Progress progress("calibrating");
+  // Every trial of a line has stimuli of its own, the same ones in every line.
+  const auto trials = static_cast<std::size_t>(a.trials);
+  std::vector<Experiment> experiments(trials);
+  const bool limits = wanted(a, "single") || wanted(a, "pair");
+  each(trials, a.jobs, [&](std::size_t n) {
+    Campaign campaign = campaign_of(a);
+    campaign.stimuli = a.seed + n;
+    if (limits) {
+      experiments[n] = Experiment(a, std::move(campaign));
+    } else {
+      experiments[n].campaign = std::move(campaign);
+    }
+  });
+  const std::vector<Truth> table = lines(a, experiments.front());
   nlohmann::json all = nlohmann::json::array();
   if (a.json != "-") {
     std::printf(
         "| truth | trials | right | tie | wrong | nothing | unexplained | refused | interval covers | said instead |\n"
         "|---|---|---|---|---|---|---|---|---|---|\n");
   }
-  Progress progress("calibrating");
-  const auto trials = static_cast<std::size_t>(a.trials);
   for (std::size_t row = 0; row < table.size(); ++row) {
     const Truth& truth = table[row];
     // Each trial has a seed of its own, so that their number and order of ending decide nothing.
     std::vector<Score> scores(trials);
-    std::atomic<std::size_t> next{0};
-    const auto work = [&] {
-      for (std::size_t n = next++; n < trials; n = next++)
-        scores[n] = try_once(truth, a, campaign, a.seed + 1000 * (row + 1) + n);
-    };
-    {
-      std::vector<std::jthread> others;
-      for (int j = 1; j < a.jobs; ++j) others.emplace_back(work);
-      work();
-    }
+    each(trials, a.jobs,
+         [&](std::size_t n) { scores[n] = try_once(truth, a, experiments[n], a.seed + 1000 * (row + 1) + n); });
     progress.at(static_cast<double>(row + 1) / static_cast<double>(table.size()));
     Score score;
     for (const Score& s : scores) score.add(s);
@@ -283,7 +333,8 @@ void add_calibrate(CLI::App& app) {
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   command
-      ->add_option("--times", a->times, "size of an effect, in detection limits; the first of a pair is twice as large")
+      ->add_option("--times", a->times,
+                   "size of an effect, in detection limits of the experiment; the first of a pair is twice as large")
       ->check(CLI::PositiveNumber)
       ->capture_default_str();
   command->add_option("--experiments", a->experiments, "experiments of a campaign")
