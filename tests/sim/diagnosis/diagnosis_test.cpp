@@ -130,6 +130,33 @@ TEST_CASE("a foot that bounces leads to other gaits: its restitution is found wh
   CHECK(d.heldout.after < 1.05);
 }
 
+TEST_CASE("what a bouncing foot would be seen by is no straight line, and as much as the fits say", "[diagnose]") {
+  Options o;
+  o.candidates = {"restitution"};
+  Campaign c = longer_campaign();
+  c.stimuli = 5;
+  const Diagnosis none = judged(made({}, 1, c), o);
+  REQUIRE(none.verdict == Verdict::no_discrepancy);
+  REQUIRE(none.candidates.size() == 1);
+  const auto& curve = none.candidates[0].clarity;
+  REQUIRE(curve.size() > 3);
+  for (std::size_t i = 1; i < curve.size(); ++i) CHECK(curve[i].size > curve[i - 1].size);
+  const double limit_z = none.threshold + power_95, limit = none.candidates[0].limit;
+  CHECK(limit == size_seen(curve, limit_z));
+  CHECK(size_seen(curve, 3.0 * limit_z) < 2.0 * limit);  // of a straight line 3
+  CHECK(size_seen(curve, 1e9) != size_seen(curve, 1e9));
+
+  // Measured, and refitted: the squares that it takes away are those of its standard errors, but for what parameters
+  // imitate that move as far as they must and not along their slopes.
+  const double size = size_seen(curve, 3.0 * limit_z);
+  const Diagnosis d = judged(made({{"restitution", size}}, 2, c), o);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].low < size);
+  CHECK(d.effects[0].high > size);
+  CHECK(std::sqrt(d.chi2_refit - d.chi2_after) == Approx(3.0 * limit_z).epsilon(0.3));
+  CHECK(judged(made({{"restitution", 0.4 * limit}}, 3, c), o).effects.empty());
+}
+
 TEST_CASE("a ground a hundred times softer than what is looked for first, which mass and drag imitate", "[diagnose]") {
   Options o;
   o.candidates = {"compliant_ground", "viscous_drag@body"};
