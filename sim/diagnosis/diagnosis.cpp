@@ -73,8 +73,14 @@ Verdict trace(Diagnosis& d, Answer& a, Search& search, const Options& options, L
 // chance looks like a cause.
 Verdict predict_held_out(Diagnosis& d, const Question& q, Answer& a, Verdict v) {
   if (!q.split()) return v;
+  bool drawn = false;
   a.held_refit = q.on_held_out(a.refit, {});
-  a.held_after = v == Verdict::effect_found ? q.on_held_out(a.chosen.fit, a.chosen.effects) : a.held_refit;
+  a.held_after = v == Verdict::effect_found ? q.on_held_out(a.chosen.fit, a.chosen.effects, &drawn) : a.held_refit;
+  if (drawn) {
+    d.notes.push_back(
+        "What was held out is followed by values within what the fitted part leaves open, not by its "
+        "best ones: the machine's gait turns on small differences of them.");
+  }
   const double n = expected_chi2(q.p, q.test);
   if (v == Verdict::effect_found && q.data.wandering && !(a.held_after.chi2 - n < 0.5 * (a.held_refit.chi2 - n))) {
     v = Verdict::unexplained;

@@ -51,7 +51,7 @@ Fit Question::predict(const std::vector<int>& segments, const Fit& f) const {
 
 // Where the charts change, what the fitted part leaves open of the values may decide which gait the machine is led
 // into. What follows best then stands for all that the fitted part allows.
-Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects) const {
+Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects, bool* drawn) const {
   constexpr int draws = 24;
   const Fit fitted = fit(p, train, f, effects);
   Fit best = predict(test, fitted);
@@ -63,7 +63,9 @@ Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects) const {
   Random random(1);
   for (int draw = 0; draw < draws && !(best.chi2 < enough); ++draw) {
     const Fit there = predict(test, drawn_values(p, fitted, random));
-    if (there.chi2 < best.chi2) best = there;
+    if (!(there.chi2 < best.chi2)) continue;
+    best = there;
+    if (drawn != nullptr) *drawn = true;
   }
   return best;
 }

@@ -27,8 +27,9 @@ struct Question {
   bool split() const { return !test.empty() && !train.empty(); }
   // Values fixed, starts free: how well does it predict data it was not fitted to?
   Fit predict(const std::vector<int>& segments, const Fit& f) const;
-  // The held-out part, predicted with effects fitted without it.
-  Fit on_held_out(const Fit& f, const std::vector<int>& effects) const;
+  // The held-out part, predicted with effects fitted without it. `drawn`: set where not the fitted values do but others
+  // that the fitted part leaves open.
+  Fit on_held_out(const Fit& f, const std::vector<int>& effects, bool* drawn = nullptr) const;
 };
 
 // chi squared where nothing but noise is left.

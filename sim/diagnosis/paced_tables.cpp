@@ -118,8 +118,7 @@ void list_errors(Diagnosis& d, const Question& q, const Answer& a, const Search&
   d.excess_explained_declared = share(h_declared.chi2);
   if (!d.effects.empty() && d.excess_explained < 0.0) {
     d.notes.push_back(
-        "With the values that the fitted part alone gives, what was held out is not followed: the "
-        "machine's gait turns on small differences of them.");
+        "No values that the fitted part leaves open predict what was held out better than refitting alone.");
   }
   // Rivals on the same held-out data; if one predicts clearly better, likelihood and prediction disagree: a tie.
   for (const auto& [set, t] : search.pool()) {
