@@ -43,6 +43,26 @@ const Trial& Search::best() const {
   return *b;
 }
 
+// From one fit over another and as far again, a few times.
+Fit Search::leapt(const Fit& from, const Fit& over) const {
+  constexpr double far = 4.0;
+  Fit r = over;
+  for (const int c : over.free) {
+    const auto k = static_cast<std::size_t>(c);
+    r.values[k] += far * (over.values[k] - from.values[k]);
+    r.values[k] = std::max(r.values[k], lower_bound(p_.machine->coefficients[k]));
+  }
+  for (const int s : segments_) {
+    const auto k = static_cast<std::size_t>(s);
+    if (from.start[k].chart != over.start[k].chart) continue;
+    for (const int i : p_.machine->free_coordinates(over.start[k].chart)) {
+      const auto at = static_cast<std::size_t>(i);
+      r.start[k].x[at] += far * (over.start[k].x[at] - from.start[k].x[at]);
+    }
+  }
+  return r;
+}
+
 // Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early.
 void Search::finish_near(double bic) {
   constexpr int most_rounds = 3;
@@ -58,8 +78,11 @@ void Search::finish_near(double bic) {
     if (left == nullptr) return;
     const std::vector<int> set = left->effects;
     const int rounds = left->rounds + 1;
-    store({set, fit(p_, segments_, left->fit, set), 0.0, true});
+    const Fit before = left->fit;
+    store({set, fit(p_, segments_, before, set), 0.0, true});
     Trial& t = pool_.at(set);
+    if (!t.fit.converged && t.fit.cost() < before.cost() - 1.0)  // it creeps along a bent valley
+      store({set, fit(p_, segments_, leapt(before, t.fit), set), 0.0, true});
     t.thorough = true;
     t.rounds = rounds;
   }
@@ -212,7 +235,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
   }
   // Of what changes the charts the slope at nothing says little, and the first fit may be trapped.
-  constexpr double little = 60.0, near = 100.0;  // [-] of BIC: evidence another cause may well match; in reach
+  constexpr double little = 250.0, near = 100.0;  // [-] of BIC: evidence another cause may well match; in reach
   for (const int c : judged()) {
     if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
     if (pool_.count({c}) == 0 && best().bic > base().bic - little) explore({}, base().fit, c, 0.0, true);
@@ -326,7 +349,17 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       explore(l.from, pool_.at(l.from).fit, l.added, l.estimate, patient);
       progress(0.4 + 0.1 * static_cast<double>(size) + 0.1 * static_cast<double>(i) / static_cast<double>(next.size()));
     }
+    if (size == 1) beside(sets.front()->effects);
     if (!(best().bic < before)) break;
+  }
+}
+
+// What changes the charts, beside what is there already: its slope at nothing may not show that it is wanted.
+void Search::beside(const std::vector<int>& set) {
+  for (const int c : judged()) {
+    const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0;
+    if (!changes || pool_.count(with(set, c)) > 0 || passes(best().fit)) continue;
+    explore(set, pool_.at(set).fit, c, 0.0, true);
   }
 }
 
@@ -361,8 +394,8 @@ const Trial& Search::settle() {
       const auto at = std::find(b->fit.free.begin(), b->fit.free.end(), e) - b->fit.free.begin();
       const double nominal = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       const double off = b->fit.values[static_cast<std::size_t>(e)] - nominal;
-      if (!(loss < bar) && !fewer.empty() && off * off < bar * b->fit.covariance(at, at)) {
-        // Its own interval says that the fit without it was trapped: once more, from here, by and by.
+      if (!(loss < bar) && !fewer.empty() && off * off < 4.0 * bar * b->fit.covariance(at, at)) {
+        // Its own error says that the fit without it may have been trapped: once more, from here, by and by.
         Fit f = b->fit;
         for (const double part : {0.6, 0.3, 0.1}) {
           f.values[static_cast<std::size_t>(e)] = nominal + part * off;

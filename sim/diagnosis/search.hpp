@@ -102,6 +102,7 @@ class Search {
   double cost_on(const std::vector<int>& segments, const Fit& f) const;
   bool far_behind(const Fit& f, const std::vector<int>& segments) const;
   void fit_likely_pairs();
+  void beside(const std::vector<int>& set);
   const Trial& store(Trial t);
   Gate look(const Fit& f) const;    // a gate's views alone
   bool passes(const Fit& f) const;  // the gate, without scores where the views tell enough
@@ -109,6 +110,7 @@ class Search {
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
   void finish_near(double bic);
+  Fit leapt(const Fit& from, const Fit& over) const;
   void unite(const Trial& t);
 
   const Problem& p_;
