@@ -254,7 +254,8 @@ std::vector<Truth> lines(const Arguments& a, const Experiment& first) {
     }
   }
   if (wanted(a, "outside")) {
-    for (const Coefficient& c : make_machine(a.model)->coefficients) {
+    const auto machine = make_machine(a.model);
+    for (const Coefficient& c : machine->coefficients) {
       if (c.profile_of.empty() || c.name.back() != '5') continue;
       table.push_back({"outside: " + c.name, {}, {{c.name, 0.1 * a.times}}, {"outside"}, false});
     }

@@ -25,6 +25,14 @@ TEST_CASE("calibrate: known effects are named or tied with their twins, none is 
   }
   CHECK(table("none", "1").at(0) == rows.at(0));
 
+  // What no candidate is, is not named.
+  const auto outside =
+      f.run({"calibrate", "bouncing_ball", "--scenarios", "outside", "--times", "3", "--trials", "1", "--json", "-"});
+  REQUIRE(outside.status == 0);
+  const auto foreign = nlohmann::json::parse(outside.out);
+  REQUIRE(foreign.size() == 2);
+  for (const auto& row : foreign) CHECK(row.at("unexplained") == 1);
+
   const auto unseen = f.run({"calibrate", "hopper", "--effects", "sensor_bias@y_M", "--trials", "1"});
   CHECK(unseen.status == 2);
   CHECK(unseen.err.find("sensor_bias@y_M") != std::string::npos);
