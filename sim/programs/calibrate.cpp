@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <map>
 #include <set>
@@ -157,16 +158,35 @@ struct Experiment {
   }
 };
 
-// Calls f(n) for n = 0 ... count - 1, `jobs` of them at a time.
+// Calls f(n) for n = 0 ... count - 1, `jobs` of them at a time. Throws what one of them threw.
 template <class F>
 void each(std::size_t count, int jobs, const F& f) {
   std::atomic<std::size_t> next{0};
+  std::vector<std::exception_ptr> thrown(count);
   const auto work = [&] {
-    for (std::size_t n = next++; n < count; n = next++) f(n);
+    for (std::size_t n = next++; n < count; n = next++) {
+      try {
+        f(n);
+      } catch (...) {
+        thrown[n] = std::current_exception();
+      }
+    }
   };
-  std::vector<std::jthread> others;
-  for (int j = 1; j < jobs; ++j) others.emplace_back(work);
-  work();
+  {
+    std::vector<std::jthread> others;
+    for (int j = 1; j < jobs; ++j) others.emplace_back(work);
+    work();
+  }
+  for (const std::exception_ptr& e : thrown) {
+    if (e) std::rethrow_exception(e);
+  }
+}
+
+// A label as a file may be called.
+std::string file_name(std::string label) {
+  std::replace_if(
+      label.begin(), label.end(), [](char c) { return c == '/' || c == ':'; }, '_');
+  return label;
 }
 
 // One record of a machine that has what `truth` says, diagnosed.
@@ -206,7 +226,7 @@ Score try_once(const Truth& truth, const Arguments& a, const Experiment& experim
     refuse(e.what());
   }
   if (!a.keep.empty() && score.right == 0)
-    write_record(std::filesystem::path(a.keep) / (truth.label + " " + std::to_string(seed) + ".csv"), record);
+    write_record(std::filesystem::path(a.keep) / file_name(truth.label + " " + std::to_string(seed) + ".csv"), record);
   return score;
 }
 

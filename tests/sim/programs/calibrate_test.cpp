@@ -26,12 +26,13 @@ TEST_CASE("calibrate: known effects are named or tied with their twins, none is 
   CHECK(table("none", "1").at(0) == rows.at(0));
 
   // What no candidate is, is not named.
-  const auto outside =
-      f.run({"calibrate", "bouncing_ball", "--scenarios", "outside", "--times", "3", "--trials", "1", "--json", "-"});
+  const auto outside = f.run({"calibrate", "bouncing_ball", "--scenarios", "outside", "--times", "3", "--trials", "1",
+                              "--keep", "kept", "--json", "-"});
   REQUIRE(outside.status == 0);
   const auto foreign = nlohmann::json::parse(outside.out);
   REQUIRE(foreign.size() == 2);
   for (const auto& row : foreign) CHECK(row.at("unexplained") == 1);
+  CHECK(!f.read("kept/outside_ force_profile@body_5 1001.csv").empty());
 
   const auto unseen = f.run({"calibrate", "hopper", "--effects", "sensor_bias@y_M", "--trials", "1"});
   CHECK(unseen.status == 2);
