@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <map>
 
+#include "../format.hpp"
 #include "core/spectrum/twiddles.hpp"
 
 namespace saltus::diagnosis {
@@ -231,10 +232,8 @@ std::string separating_experiment(const Diagnosis&, const Problem& p, const std:
       }
     }
   }
-  std::string names;
-  for (const int c : rival->effects) {
-    names += (names.empty() ? "" : " + ") + p.machine->coefficients[static_cast<std::size_t>(c)].name;
-  }
+  const std::string names =
+      rival->effects.empty() ? "no effect" : listed(names_of(*p.machine, rival->effects), " + ");
   char text[400];
   const double factor = std::sqrt(25.0 / std::max(1e-9, total));
   if (quiet > 0.5 * total || best_f == 0.0) {
