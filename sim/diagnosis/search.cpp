@@ -43,26 +43,6 @@ const Trial& Search::best() const {
   return *b;
 }
 
-// From one fit over another and as far again, a few times.
-Fit Search::leapt(const Fit& from, const Fit& over) const {
-  constexpr double far = 4.0;
-  Fit r = over;
-  for (const int c : over.free) {
-    const auto k = static_cast<std::size_t>(c);
-    r.values[k] += far * (over.values[k] - from.values[k]);
-    r.values[k] = std::max(r.values[k], lower_bound(p_.machine->coefficients[k]));
-  }
-  for (const int s : segments_) {
-    const auto k = static_cast<std::size_t>(s);
-    if (from.start[k].chart != over.start[k].chart) continue;
-    for (const int i : p_.machine->free_coordinates(over.start[k].chart)) {
-      const auto at = static_cast<std::size_t>(i);
-      r.start[k].x[at] += far * (over.start[k].x[at] - from.start[k].x[at]);
-    }
-  }
-  return r;
-}
-
 // Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early.
 void Search::finish_near(double bic) {
   constexpr int most_rounds = 3;
@@ -351,15 +331,6 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     }
     if (size == 1) beside(sets.front()->effects);
     if (!(best().bic < before)) break;
-  }
-}
-
-// What changes the charts, beside what is there already: its slope at nothing may not show that it is wanted.
-void Search::beside(const std::vector<int>& set) {
-  for (const int c : judged()) {
-    const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0;
-    if (!changes || pool_.count(with(set, c)) > 0 || passes(best().fit)) continue;
-    explore(set, pool_.at(set).fit, c, 0.0, true);
   }
 }
 
