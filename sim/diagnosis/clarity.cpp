@@ -29,9 +29,9 @@ std::vector<Seen> Search::clarity(int coefficient) const {
     here[j] = {w, Eigen::Map<const Eigen::VectorXd>(y.y.data(), s.y.size()),
                WithoutStart(s, w.asDiagonal() * gradient.leftCols(p_.machine->starts()))};
   });
+  Signatures one{known.nuisance, {coefficient}, known.N, Eigen::MatrixXd(known.N.rows(), 1), known.r, known.offset};
   // In standard errors; not a number where the machine does not follow.
   const auto seen = [&](double size) {
-    Signatures one{known.nuisance, {coefficient}, known.N, Eigen::MatrixXd(known.N.rows(), 1), known.r, known.offset};
     std::vector<double> values = f.values;
     values[at] = c.nominal + size;
     std::atomic<bool> follows = true;

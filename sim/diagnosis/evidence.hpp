@@ -38,6 +38,12 @@ struct Evidence {
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances = 1.0);
 
+// The same from signatures that are known already.
+Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
+               double tolerances = 1.0);
+// The same for some of the candidates.
+Evidence among(const Evidence& e, const std::vector<int>& candidates);
+
 constexpr double power_95 = 1.645;  // [-] standard errors above a threshold of what is seen with a power of 95 %
 // An effect of some size, and by how many standard errors it would be off.
 struct Seen {
@@ -45,11 +51,5 @@ struct Seen {
 };
 // The size that is off by `z`, between those asked; NaN where none is.
 double size_seen(const std::vector<Seen>& curve, double z);
-
-// The same from signatures that are known already.
-Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
-               double tolerances = 1.0);
-// The same for some of the candidates.
-Evidence among(const Evidence& e, const std::vector<int>& candidates);
 
 }  // namespace saltus::diagnosis

@@ -32,13 +32,13 @@ bool Search::far_behind(const Fit& f, const std::vector<int>& segments) const {
 // Where a linear estimate is apt to be trapped far below the truth.
 bool Search::curved(int coefficient) const {
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
-  return c.shifts_time || c.probe > 0.0 || c.name.find("damper") != std::string::npos;
+  return c.shifts_time || c.changes_charts() || c.name.find("damper") != std::string::npos;
 }
 
 // How far from its nominal value to start an effect.
 std::vector<double> Search::guesses(int added, double estimate, bool patient) const {
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(added)];
-  if (c.probe > 0.0) {
+  if (c.changes_charts()) {
     const auto alone = pool_.find({added});
     if (alone == pool_.end()) return {c.probe, 0.7 * c.probe, 0.1 * c.probe, 10.0 * c.probe, 100.0 * c.probe};
     const double found = alone->second.fit.values[static_cast<std::size_t>(added)] - c.nominal;
@@ -57,9 +57,8 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
   const Coefficient& c = p_.machine->coefficients[at];
   const auto off_by = [&](double guess) {
     Fit f = start;
-    f.values[at] = c.nominal + guess;
-    f.values[at] = std::max(f.values[at], lower_bound(c));
-    if (c.shifts_time) f.values[at] = std::clamp(f.values[at], 0.0, 0.1 * p_.machine->cycle_period);
+    f.values[at] = std::max(c.nominal + guess, lower_bound(c));
+    if (c.shifts_time) f.values[at] = std::min(f.values[at], 0.1 * p_.machine->cycle_period);
     return f;
   };
   FitOptions quick;
@@ -83,13 +82,13 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     if (i > 0 && !(cost_on(part, f) < hopeless * best.cost())) continue;
     f = fit(p_, part, f, set, brief);
     // From below and from far above to the same: so would all between.
-    const bool same = i == 1 && !(c.probe > 0.0) && std::abs(f.cost() - best.cost()) < 10.0 * brief.enough &&
+    const bool same = i == 1 && !c.changes_charts() && std::abs(f.cost() - best.cost()) < 10.0 * brief.enough &&
                       std::abs(f.values[at] - best.values[at]) < 0.05 * std::abs(f.values[at]);
     if (f.cost() < best.cost()) best = std::move(f);
     if (same) break;
   }
   // At its nominal value, or worse than without it: it is not there.
-  const bool absent = best.values[at] == c.nominal || (c.probe > 0.0 && !(best.cost() < cost_on(part, start)));
+  const bool absent = best.values[at] == c.nominal || (c.changes_charts() && !(best.cost() < cost_on(part, start)));
   return absent ? dismiss(set) : complete(set, best, brief);
 }
 
@@ -155,9 +154,7 @@ void Search::grow(int added) {
   FitOptions starts_alone;
   starts_alone.refit_parameters = false;
   const Fit there = fit(p_, segments_, f, {}, starts_alone);
-  if (std::isfinite(there.chi2)) {
-    if (passes(store({set, fit(p_, segments_, there, set), 0.0, true}).fit)) return;
-  }
+  if (std::isfinite(there.chi2) && passes(store({set, fit(p_, segments_, there, set), 0.0, true}).fit)) return;
   f = fit_growing(p_, part, f, set, {}, hopeless);
   if (!std::isfinite(f.chi2)) return;
   Fit settled = f;
@@ -172,7 +169,7 @@ void Search::grow(int added) {
 // What changes the charts, beside what is there already: its slope at nothing may not show that it is wanted.
 void Search::beside(const std::vector<int>& set) {
   for (const int c : judged()) {
-    const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0;
+    const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts();
     if (!changes || pool_.count(with(set, c)) > 0 || passes(best().fit)) continue;
     explore(set, pool_.at(set).fit, c, 0.0, true);
   }

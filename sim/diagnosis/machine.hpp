@@ -26,6 +26,7 @@ struct Coefficient {
   std::string refines;        // the candidate it is a refinement of, empty where none
   int physical_sum = 0;       // +1: only positive values of it and what it refines together make sense
   double uncertainty = -1.0;  // [-] standard deviation over the nominal value where nobody says; below zero: the usual
+  bool changes_charts() const { return probe > 0.0; }
 };
 
 struct Channel {
@@ -81,15 +82,22 @@ class Machine {
 
 // The least value of a coefficient that makes sense.
 inline double lower_bound(const Coefficient& c) {
-  const bool bounded = c.probe > 0.0 || c.shifts_time || (c.candidate && c.physical > 0);
+  const bool bounded = c.changes_charts() || c.shifts_time || (c.candidate && c.physical > 0);
   return bounded ? 0.0 : -std::numeric_limits<double>::infinity();
 }
 // Whether it has room to change from its nominal value by something of that sign.
 inline bool may_change(const Coefficient& c, double by) { return by > 0.0 || c.nominal > lower_bound(c); }
 
+inline bool may_change(const Machine& m, int coefficient, double by) {
+  return may_change(m.coefficients[static_cast<std::size_t>(coefficient)], by);
+}
+
 // What a coefficient is called among candidates: a declared parameter with that word before its name.
 std::string name_of(const Machine& m, int coefficient);
 std::vector<std::string> names_of(const Machine& m, const std::vector<int>& coefficients);
+
+// "a + b", or "no effect".
+std::string together(const std::vector<std::string>& effects);
 
 // The machine of that name, or null.
 std::unique_ptr<Machine> make_machine(const std::string& model);

@@ -1,5 +1,7 @@
 #include "machines.hpp"
 
+#include "../format.hpp"
+
 namespace saltus::diagnosis {
 
 std::string name_of(const Machine& m, int coefficient) {
@@ -11,6 +13,10 @@ std::vector<std::string> names_of(const Machine& m, const std::vector<int>& coef
   std::vector<std::string> r;
   for (const int c : coefficients) r.push_back(name_of(m, c));
   return r;
+}
+
+std::string together(const std::vector<std::string>& effects) {
+  return effects.empty() ? "no effect" : listed(effects, " + ");
 }
 
 std::unique_ptr<Machine> make_machine(const std::string& model) {

@@ -56,10 +56,10 @@ Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects, bool* d
   const Fit fitted = fit(p, train, f, effects);
   Fit best = predict(test, fitted);
   const bool charts_change = std::any_of(effects.begin(), effects.end(), [&](int e) {
-    return machine.coefficients[static_cast<std::size_t>(e)].probe > 0.0;
+    return machine.coefficients[static_cast<std::size_t>(e)].changes_charts();
   });
-  const double enough = 1.1 * expected_chi2(p, test);
   if (!charts_change) return best;
+  const double enough = 1.1 * expected_chi2(p, test);
   Random random(1);
   for (int draw = 0; draw < draws && !(best.chi2 < enough); ++draw) {
     const Fit there = predict(test, drawn_values(p, fitted, random));

@@ -153,11 +153,11 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
     } else {
       row.limit = search.limit_z() * e.error[k];
       const bool holds = d.verdict == Verdict::no_discrepancy || d.verdict == Verdict::parameters_only;
-      if (holds && own.probe > 0.0) {
+      if (holds && own.changes_charts()) {
         row.clarity = search.clarity(c);
         row.limit = size_seen(row.clarity, search.limit_z());
       }
-      if (!search.may_change(c, e.value[k]) && std::abs(e.z[k]) > search.threshold())
+      if (!may_change(own, e.value[k]) && std::abs(e.z[k]) > search.threshold())
         row.remark = "would need an unphysical sign";
     }
     if (row.remark.empty() && fitted && !std::isfinite(t->second.bic)) row.remark = "fitted, it leaves no less";

@@ -7,7 +7,6 @@
 #include <cstdio>
 #include <map>
 
-#include "../format.hpp"
 #include "core/spectrum/twiddles.hpp"
 
 namespace saltus::diagnosis {
@@ -232,8 +231,7 @@ std::string separating_experiment(const Diagnosis&, const Problem& p, const std:
       }
     }
   }
-  const std::string names =
-      rival->effects.empty() ? "no effect" : listed(names_of(*p.machine, rival->effects), " + ");
+  const std::string names = together(names_of(*p.machine, rival->effects));
   char text[400];
   const double factor = std::sqrt(25.0 / std::max(1e-9, total));
   if (quiet > 0.5 * total || best_f == 0.0) {

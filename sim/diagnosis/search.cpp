@@ -68,10 +68,6 @@ void Search::finish_near(double bic) {
   }
 }
 
-bool Search::may_change(int coefficient, double by) const {
-  return diagnosis::may_change(p_.machine->coefficients[static_cast<std::size_t>(coefficient)], by);
-}
-
 bool Search::strayed() const {
   for (std::size_t k = 0; k < p_.tolerance.size(); ++k) {
     const double off = base().fit.values[k] - declared_.values[k];
@@ -188,8 +184,8 @@ std::vector<Search::Lead> Search::leads_at(const Trial& t, const Evidence& e, st
     const int c = e.candidate[i];
     // Where the response is curved the sign of a linear estimate, taken after the parameters imitated the effect,
     // says nothing about the effect itself.
-    const bool linear = !(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0);
-    if (!e.usable(k) || (linear && !may_change(c, e.value[k]))) continue;
+    const bool linear = !p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts();
+    if (!e.usable(k) || (linear && !may_change(*p_.machine, c, e.value[k]))) continue;
     if (std::find(t.effects.begin(), t.effects.end(), c) != t.effects.end()) continue;
     leads.push_back({t.effects, c, e.value[k], e.z[k] * e.z[k]});
   }
@@ -217,7 +213,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   // Of what changes the charts the slope at nothing says little, and the first fit may be trapped.
   constexpr double little = 250.0, near = 100.0;  // [-] of BIC: evidence another cause may well match; in reach
   for (const int c : judged()) {
-    if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
+    if (!p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts()) continue;
     if (pool_.count({c}) == 0 && best().bic > base().bic - little) explore({}, base().fit, c, 0.0, true);
     const auto t = pool_.find({c});
     if (t != pool_.end() && t->second.bic < std::min(base().bic, best().bic + near)) step_aside(c);
@@ -229,7 +225,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     // gait.
     const std::vector<int> before = best().effects;
     for (const int c : candidates_) {
-      if (!(p_.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0)) continue;
+      if (!p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts()) continue;
       if (!none_is_it && !has(best().effects, c)) continue;
       if (pool_.count({c}) == 0) explore({}, base().fit, c, 0.0, true);
       grow(c);
@@ -256,7 +252,7 @@ void Search::fit_likely_pairs() {
       I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
       const Eigen::Vector2d s(e.score[a], e.score[c]);
       const Eigen::Vector2d v = I.inverse() * s;
-      if (!may_change(e.candidate[i], v[0]) || !may_change(e.candidate[j], v[1])) continue;
+      if (!may_change(*p_.machine, e.candidate[i], v[0]) || !may_change(*p_.machine, e.candidate[j], v[1])) continue;
       pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
     }
   }
@@ -368,12 +364,11 @@ const Trial& Search::settle() {
       if (!(loss < bar) && !fewer.empty() && off * off < 4.0 * bar * b->fit.covariance(at, at)) {
         // Its own error says that the fit without it may have been trapped: once more, from here, by and by.
         Fit f = b->fit;
-        for (const double part : {0.6, 0.3, 0.1}) {
+        for (const double part : {0.6, 0.3, 0.1, 0.0}) {
           f.values[static_cast<std::size_t>(e)] = nominal + part * off;
           f = fit(p_, segments_, f, fewer);
         }
-        f.values[static_cast<std::size_t>(e)] = nominal;
-        loss = store({fewer, fit(p_, segments_, f, fewer), 0.0, true}).fit.cost() - b->fit.cost();
+        loss = store({fewer, f, 0.0, true}).fit.cost() - b->fit.cost();
       }
       if (loss < bar) {
         b = &pool_.at(fewer);

@@ -78,7 +78,6 @@ class Search {
   // line tells. Empty where the machine does not follow.
   std::vector<Seen> clarity(int coefficient) const;
   double samples() const { return samples_; }
-  bool may_change(int coefficient, double by) const;
   // The base evidence's candidates that the data can judge, as coefficients.
   std::vector<int> judged() const;
 

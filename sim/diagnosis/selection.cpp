@@ -67,10 +67,6 @@ Selection::Selection(const Problem& p, Data& data, std::vector<int> segments, st
   sensors_ = data.noise;
 }
 
-bool Selection::may_change(int coefficient, double by) const {
-  return diagnosis::may_change(p_.machine->coefficients[static_cast<std::size_t>(coefficient)], by);
-}
-
 bool Selection::refinable(const std::vector<int>& effects, int coefficient) const {
   const auto& all = p_.machine->coefficients;
   const std::string& plain = all[static_cast<std::size_t>(coefficient)].refines;
@@ -226,7 +222,8 @@ const Attempt& Selection::run(const std::function<void(double)>& progress, const
     for (std::size_t i = 0; i < e.candidate.size(); ++i) {
       const auto k = static_cast<Eigen::Index>(i);
       const int c = e.candidate[i];
-      if (!e.usable(k) || !may_change(c, e.value[k]) || has(current.effects, c) || std::abs(e.z[k]) < 2.0) continue;
+      if (!e.usable(k) || !may_change(*p_.machine, c, e.value[k]) || has(current.effects, c) || std::abs(e.z[k]) < 2.0)
+        continue;
       if (!refinable(current.effects, c)) continue;
       leads.push_back({c, e.value[k], std::abs(e.z[k])});
     }
@@ -322,7 +319,8 @@ bool Selection::take_pair(int first) {
   for (std::size_t i = 0; i < e.candidate.size(); ++i) {
     const auto k = static_cast<Eigen::Index>(i);
     const int c = e.candidate[i];
-    if (!e.usable(k) || !may_change(c, e.value[k]) || has(one.effects, c) || !(std::abs(e.z[k]) > best)) continue;
+    if (!e.usable(k) || !may_change(*p_.machine, c, e.value[k]) || has(one.effects, c) || !(std::abs(e.z[k]) > best))
+      continue;
     if (!refinable(one.effects, c)) continue;
     second = c;
     best = std::abs(e.z[k]);
@@ -407,7 +405,7 @@ std::vector<Selection::Tie> Selection::ties() {
       const Eigen::Index j = alike[k].second;
       const int c = v.candidate[static_cast<std::size_t>(j)];
       const double start = value * v.information(i, j) / v.information(j, j);
-      if (!may_change(c, start)) continue;
+      if (!may_change(*p_.machine, c, start)) continue;
       Fit g = best.fit;
       g.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       g.values[static_cast<std::size_t>(c)] = p_.machine->coefficients[static_cast<std::size_t>(c)].nominal + start;

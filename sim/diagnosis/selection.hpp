@@ -75,7 +75,6 @@ class Selection {
   const std::map<int, std::pair<double, double>>& alone() const { return alone_; }
   const std::vector<int>& candidates() const { return candidates_; }
   double threshold() const { return threshold_; }
-  bool may_change(int coefficient, double by) const;
   // False for a refinement of what has not been found and could be: a friction is asymmetric once there is friction.
   bool refinable(const std::vector<int>& effects, int coefficient) const;
   // -2 log likelihood with the penalty of the declared tolerances, for as many independent numbers as `like` has.

@@ -30,7 +30,7 @@ Signatures signatures(const Problem& p, const std::vector<int>& segments, const 
   }
   std::vector<int> all = out.nuisance, secants;
   for (const int c : out.candidates) {
-    if (p.machine->coefficients[static_cast<std::size_t>(c)].probe > 0.0 &&
+    if (p.machine->coefficients[static_cast<std::size_t>(c)].changes_charts() &&
         f.values[static_cast<std::size_t>(c)] == 0.0) {
       secants.push_back(c);
     }

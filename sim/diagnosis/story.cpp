@@ -64,9 +64,8 @@ void tell(Diagnosis& d) {
                        d.where.port.c_str(), d.where.chart.c_str(), d.where.from, d.where.to));
   }
   if (!d.rivals.empty()) {
-    std::string n;
-    for (const auto& r : d.rivals.front().names) n += (n.empty() ? "" : " + ") + r;
-    s.push_back(format("Next best: %s (BIC %+.1f).", n.empty() ? "no effect" : n.c_str(), d.rivals.front().bic));
+    const Rival& next = d.rivals.front();
+    s.push_back(format("Next best: %s (BIC %+.1f).", together(next.names).c_str(), next.bic));
   }
   if (d.verdict == Verdict::unexplained && d.candidates.size() > 0) {
     s.push_back(format("Closest candidate: %s (score %.1f), which does not leave noise.", d.candidates[0].name.c_str(),

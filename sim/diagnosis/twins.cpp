@@ -34,7 +34,7 @@ void Search::unite(const Trial& t) {
     const int c = v.candidate[k];
     if (c == a || c == b || !(v.information(l, l) > 0.0)) continue;
     const double start = (x[0] * v.information(i, l) + x[1] * v.information(j, l)) / v.information(l, l);
-    if (!may_change(c, start)) continue;
+    if (!may_change(*p_.machine, c, start)) continue;
     singles.push_back({c, start, done - start * start * v.information(l, l)});
   }
   std::sort(singles.begin(), singles.end(), [](const Single& s, const Single& o) { return s.left < o.left; });
@@ -73,7 +73,7 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
       const double cosine = v.cosine(i, j);
       if (std::find(best_trial.effects.begin(), best_trial.effects.end(), c) != best_trial.effects.end()) continue;
       const double start = value * v.information(i, j) / v.information(j, j);
-      if (!may_change(c, start)) continue;
+      if (!may_change(*p_.machine, c, start)) continue;
       others.push_back({c, cosine, start, z2 * (1.0 - cosine * cosine)});
     }
     std::sort(others.begin(), others.end(), [](const Other& a, const Other& b) { return a.loss < b.loss; });

@@ -3,15 +3,13 @@
 #include "calibrate.hpp"
 
 #include <algorithm>
-#include <atomic>
 #include <cstdio>
-#include <exception>
 #include <filesystem>
 #include <map>
 #include <set>
-#include <thread>
 
 #include "../diagnosis/diagnosis.hpp"
+#include "../diagnosis/side_by_side.hpp"
 #include "../diagnosis/synthetic.hpp"
 #include "../format.hpp"
 #include "core/random.hpp"
@@ -96,11 +94,11 @@ std::string words_of(const Diagnosis& d) {
     effects.push_back(f.name);
     for (const std::string& t : f.ties) effects.back() += " or " + t;
   }
-  sets.push_back(listed(effects, " + "));
+  sets.push_back(together(effects));
   for (const Rival& r : d.rivals) {
     const bool is_tie = r.names.size() == 1 && d.effects.size() == 1;  // said beside the effect already
     if (d.verdict != Verdict::ambiguous || r.bic > no_telling || is_tie) continue;
-    sets.push_back(r.names.empty() ? "no effect" : listed(r.names, " + "));
+    sets.push_back(together(r.names));
   }
   return listed(sets, " or ");
 }
@@ -157,30 +155,6 @@ struct Experiment {
     return c.clarity.empty() ? limits * c.limit : size_seen(c.clarity, limits * limit_z);
   }
 };
-
-// Calls f(n) for n = 0 ... count - 1, `jobs` of them at a time. Throws what one of them threw.
-template <class F>
-void each(std::size_t count, int jobs, const F& f) {
-  std::atomic<std::size_t> next{0};
-  std::vector<std::exception_ptr> thrown(count);
-  const auto work = [&] {
-    for (std::size_t n = next++; n < count; n = next++) {
-      try {
-        f(n);
-      } catch (...) {
-        thrown[n] = std::current_exception();
-      }
-    }
-  };
-  {
-    std::vector<std::jthread> others;
-    for (int j = 1; j < jobs; ++j) others.emplace_back(work);
-    work();
-  }
-  for (const std::exception_ptr& e : thrown) {
-    if (e) std::rethrow_exception(e);
-  }
-}
 
 // A label as a file may be called.
 std::string file_name(std::string label) {
@@ -292,7 +266,8 @@ void run(const Arguments& a) {
   const auto trials = static_cast<std::size_t>(a.trials);
   std::vector<Experiment> experiments(trials);
   const bool limits = wanted(a, "single") || wanted(a, "pair");
-  each(trials, a.jobs, [&](std::size_t n) {
+  const auto jobs = static_cast<std::size_t>(a.jobs);
+  const auto plan = [&](std::size_t n) {
     Campaign campaign = campaign_of(a);
     campaign.stimuli = a.seed + n;
     if (limits) {
@@ -300,7 +275,8 @@ void run(const Arguments& a) {
     } else {
       experiments[n].campaign = std::move(campaign);
     }
-  });
+  };
+  side_by_side(trials, plan, jobs);
   const std::vector<Truth> table = lines(a, experiments.front());
   nlohmann::json all = nlohmann::json::array();
   if (a.json != "-") {
@@ -312,8 +288,10 @@ void run(const Arguments& a) {
     const Truth& truth = table[row];
     // Each trial has a seed of its own, so that their number and order of ending decide nothing.
     std::vector<Score> scores(trials);
-    each(trials, a.jobs,
-         [&](std::size_t n) { scores[n] = try_once(truth, a, experiments[n], a.seed + 1000 * (row + 1) + n); });
+    const auto diagnosed = [&](std::size_t n) {
+      scores[n] = try_once(truth, a, experiments[n], a.seed + 1000 * (row + 1) + n);
+    };
+    side_by_side(trials, diagnosed, jobs);
     progress.at(static_cast<double>(row + 1) / static_cast<double>(table.size()));
     Score score;
     for (const Score& s : scores) score.add(s);

@@ -355,8 +355,7 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
               "parts not fitted, over that of what was found</th></tr>\n"
             : "<table><tr><th>rival</th><th>BIC above the best</th></tr>\n";
     for (const Rival& r : d.rivals) {
-      const std::string n = r.names.empty() ? "no effect" : listed(r.names, " + ");
-      h += "<tr><td>" + escaped(n) + "</td><td>" + number(r.bic, "%.1f") + "</td>" +
+      h += "<tr><td>" + escaped(together(r.names)) + "</td><td>" + number(r.bic, "%.1f") + "</td>" +
            (d.self_paced.is ? "<td>" + number(r.predicted, "%.2f") + "</td>" : std::string()) + "</tr>\n";
     }
     h += "</table>\n<table><tr><th>look alike on this record</th><th>cosine of the signatures</th></tr>\n";
