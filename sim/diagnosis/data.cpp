@@ -318,7 +318,7 @@ Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t 
   return r;
 }
 
-Data prepare(const Record& record, const Machine& machine) {
+Data prepare(const Record& record, const Machine& machine, Repeats taken) {
   Data data;
   const std::size_t ny = machine.outputs.size(), nu = machine.inputs.size();
   const auto out = match(record, record.outputs, machine.outputs, "output");
@@ -405,6 +405,7 @@ Data prepare(const Record& record, const Machine& machine) {
         }
       }
       s.first = lead;
+      if (taken == Repeats::first_alone) repeats = 1;
       std::vector<std::vector<double>> repeat(static_cast<std::size_t>(repeats), std::vector<double>(length * ny));
       for (std::size_t r = 0; r < repeat.size(); ++r) {
         for (std::size_t i = 0; i < length; ++i) {
@@ -432,7 +433,11 @@ Data prepare(const Record& record, const Machine& machine) {
       admit_steps(data);
     } else {
       data.noise.setOnes();
-      data.notes.push_back("No stimulus repeats: the noise is taken from the residual itself, so claims are weaker.");
+      data.notes.push_back(taken == Repeats::first_alone
+                               ? "Repeats of one stimulus differ by what moves the machine: the first of each is taken "
+                                 "by itself, its noise from the residual, so claims are weaker."
+                               : "No stimulus repeats: the noise is taken from the residual itself, so claims are "
+                                 "weaker.");
     }
   } else {
     throw RecordError(record.name, "the model " + machine.name + " has no clock to lay it out by",

@@ -61,8 +61,11 @@ struct Data {
 // `history` samples at most. What the start may be off by is left to whoever gives it one.
 Segment part_of(const Segment& s, std::size_t from, std::size_t to, std::size_t history);
 
+// What is taken of a stimulus that repeats. The mean of courses that differ is no course of the machine.
+enum class Repeats { averaged, first_alone };
+
 // Lays out a record for a machine, or throws RecordError saying what to mend.
-Data prepare(const Record& record, const Machine& machine);
+Data prepare(const Record& record, const Machine& machine, Repeats taken = Repeats::averaged);
 
 // The columns of the machine's inputs or outputs, in its order, or RecordError saying which is missing.
 std::vector<std::size_t> columns_of(const Record& record, const Machine& machine, bool outputs);

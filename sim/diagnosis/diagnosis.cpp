@@ -123,6 +123,61 @@ bool parameters_alone(const Machine& machine, const std::vector<int>& effects) {
   });
 }
 
+Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Options& options, Repeats taken) {
+  Diagnosis d;
+  Laps lap(d);
+  const auto progress = [&](double fraction, const char* what) {
+    if (options.progress) options.progress(fraction, what);
+  };
+  d.record = record.name;
+  d.model = machine.name;
+  d.experiments = static_cast<int>(experiments(record).size());
+  const Question q(record, machine, options, taken);
+  lap("reading the record");
+  progress(0.02, "fitting the declared model");
+
+  Search search(q.p, q.all, q.candidates, options.false_alarm);
+  search.baseline(q.declared);
+  lap("refitting the declared parameters");
+  progress(0.1, "tracing the residual");
+  Answer a;
+  a.refit = search.base().fit;
+  a.chosen = search.base();
+  a.before = a.after = search.base_gate();
+  d.threshold = search.threshold();
+  d.tried = static_cast<int>(search.candidates().size());
+  d.views_declared = views(q.p, q.all, q.declared);
+  d.views_refit = a.before.views;
+
+  const bool nothing_left = a.before.passes() && !search.strayed();
+  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, a, search, options, lap);
+  progress(0.8, "predicting what was held out");
+  d.verdict = predict_held_out(d, q, a, d.verdict);
+  for (const Search::Swap& s : a.swaps) {
+    if (std::abs(s.cosine) > 0.9) d.twins.push_back({name_of(machine, s.from), name_of(machine, s.to), s.cosine});
+  }
+  if (d.verdict == Verdict::effect_found) d.verdict = compare_rivals(d, q, a, search);
+  if (d.verdict == Verdict::effect_found && parameters_alone(machine, a.chosen.effects))
+    d.verdict = Verdict::parameters_only;
+
+  list_findings(d, q, a);
+  list_parameters(d, q, a);
+  list_errors(d, q, a, search);
+  lap("predicting held-out data");
+  list_candidates(d, q, a, search);
+  list_data(d, q);
+
+  progress(0.9, "drawing");
+  locate(d, q.p, q.all, a.refit);
+  draw(d, q.p, q.all, q.declared, a.refit, a.final_fit(d.verdict));
+  if (!a.ties.empty() || d.verdict == Verdict::ambiguous)
+    d.separate = separating_experiment(d, q.p, q.all, search, a.chosen);
+  lap("locating and drawing");
+  tell(d);
+  progress(1.0, "done");
+  return d;
+}
+
 }  // namespace
 
 bool wanted(const std::vector<std::string>& patterns, const std::string& name) {
@@ -171,59 +226,15 @@ Diagnosis diagnose(const Record& record, Machine& machine, const Options& option
     return some;
   }
   if (!machine.has_clock) return diagnose_self_paced(record, machine, options);
-  Diagnosis d;
-  Laps lap(d);
-  const auto progress = [&](double fraction, const char* what) {
-    if (options.progress) options.progress(fraction, what);
-  };
-  d.record = record.name;
-  d.model = machine.name;
-  d.experiments = static_cast<int>(experiments(record).size());
   declare(machine, options);
-  const Question q(record, machine, options);
-  lap("reading the record");
-  progress(0.02, "fitting the declared model");
-
-  Search search(q.p, q.all, q.candidates, options.false_alarm);
-  search.baseline(q.declared);
-  lap("refitting the declared parameters");
-  progress(0.1, "tracing the residual");
-  Answer a;
-  a.refit = search.base().fit;
-  a.chosen = search.base();
-  a.before = a.after = search.base_gate();
-  d.threshold = search.threshold();
-  d.tried = static_cast<int>(search.candidates().size());
-  d.views_declared = views(q.p, q.all, q.declared);
-  d.views_refit = a.before.views;
-
-  const bool nothing_left = a.before.passes() && !search.strayed();
-  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, a, search, options, lap);
-  progress(0.8, "predicting what was held out");
-  d.verdict = predict_held_out(d, q, a, d.verdict);
-  for (const Search::Swap& s : a.swaps) {
-    if (std::abs(s.cosine) > 0.9) d.twins.push_back({name_of(machine, s.from), name_of(machine, s.to), s.cosine});
+  Diagnosis mean = diagnose_paced(record, machine, options, Repeats::averaged);
+  if (mean.verdict != Verdict::unexplained || !mean.wandering) return mean;
+  try {
+    Diagnosis first = diagnose_paced(record, machine, options, Repeats::first_alone);
+    return first.verdict == Verdict::unexplained ? mean : first;
+  } catch (const RecordError&) {  // too short for that
+    return mean;
   }
-  if (d.verdict == Verdict::effect_found) d.verdict = compare_rivals(d, q, a, search);
-  if (d.verdict == Verdict::effect_found && parameters_alone(machine, a.chosen.effects))
-    d.verdict = Verdict::parameters_only;
-
-  list_findings(d, q, a);
-  list_parameters(d, q, a);
-  list_errors(d, q, a, search);
-  lap("predicting held-out data");
-  list_candidates(d, q, a, search);
-  list_data(d, q);
-
-  progress(0.9, "drawing");
-  locate(d, q.p, q.all, a.refit);
-  draw(d, q.p, q.all, q.declared, a.refit, a.final_fit(d.verdict));
-  if (!a.ties.empty() || d.verdict == Verdict::ambiguous)
-    d.separate = separating_experiment(d, q.p, q.all, search, a.chosen);
-  lap("locating and drawing");
-  tell(d);
-  progress(1.0, "done");
-  return d;
 }
 
 }  // namespace saltus::diagnosis

@@ -162,6 +162,7 @@ struct Diagnosis {
   int tried = 0;           // candidates
   int repeats = 1, experiments = 0, sections = 0;
   bool noise_measured = false;
+  bool wandering = false;     // repeats of one stimulus differ by what moves the machine
   std::vector<int> held_out;  // experiments
   Quality quality;
   std::vector<double> noise;

@@ -70,8 +70,8 @@ Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects, bool* d
   return best;
 }
 
-Question::Question(const Record& record, const Machine& m, const Options& options)
-    : machine(m), data(prepare(record, m)) {
+Question::Question(const Record& record, const Machine& m, const Options& options, Repeats taken)
+    : machine(m), data(prepare(record, m, taken)) {
   p.machine = &machine;
   p.data = &data;
   for (std::size_t i = 0; i < machine.declared; ++i) {

@@ -13,7 +13,7 @@ namespace saltus::diagnosis {
 // What is asked of a record.
 struct Question {
   // Lays the record out and fits the declared model's starts, or throws RecordError saying what to mend.
-  Question(const Record& record, const Machine& m, const Options& options);
+  Question(const Record& record, const Machine& m, const Options& options, Repeats taken);
   Question(const Question&) = delete;
 
   const Machine& machine;

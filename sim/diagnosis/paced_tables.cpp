@@ -183,6 +183,7 @@ void list_data(Diagnosis& d, const Question& q) {
   d.repeats = data.repeats;
   d.sections = data.sections;
   d.noise_measured = data.noise_measured;
+  d.wandering = data.wandering;
   d.quality = data.quality;
   for (std::size_t j = 0; j < data.outputs(); ++j) {
     d.noise.push_back(data.noise[static_cast<Eigen::Index>(j)]);

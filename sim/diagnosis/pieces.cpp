@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -62,6 +63,8 @@ void mend_starts(const Cut& cut, std::vector<Start>& starts, const std::vector<d
   });
 }
 
+constexpr double lost = 2.0;  // [-] of a piece's rows: its start is not found
+
 // Fits the pieces from where they start; what it finds is theirs.
 Fit fit_pieces(const Problem& p, std::vector<Piece>& pieces, const Fit& from, const std::vector<int>& effects,
                const FitOptions& options) {
@@ -77,6 +80,44 @@ Fit fit_pieces(const Problem& p, std::vector<Piece>& pieces, const Fit& from, co
     pieces[k].chi2 = chi2[k];
   }
   return f;
+}
+
+double rows_of(const Problem& p, const Piece& piece) {
+  return static_cast<double>(p.data->outputs() * (piece.end - piece.begin));
+}
+
+// chi squared of a segment run from a start.
+double chi2_from(const Problem& p, const Segment& s, const Fit& values, const Start& start) {
+  const Response r = respond(p, s, values.values, start);
+  if (!usable(r.status)) return std::numeric_limits<double>::infinity();
+  const Eigen::Map<const Eigen::VectorXd> y(r.y.data(), s.y.size());
+  return weights(*p.data, s).cwiseProduct(s.y - y).squaredNorm();
+}
+
+// The same, for pieces of equal length. One that is lost then starts as that of the others does whose start leads
+// through it best.
+Fit fit_alike(const Problem& p, std::vector<Piece>& pieces, const Fit& from, const std::vector<int>& effects,
+              const FitOptions& options) {
+  const Fit f = fit_pieces(p, pieces, from, effects, options);
+  const Cut cut(p, pieces);
+  std::vector<Piece> again = pieces;
+  std::atomic<bool> moved = false;
+  side_by_side(pieces.size(), [&](std::size_t k) {
+    double least = pieces[k].chi2;
+    if (least < lost * rows_of(p, pieces[k])) return;
+    for (const Piece& other : pieces) {
+      const double chi2 = chi2_from(cut.problem, cut.data.segments[k], f, other.start);
+      if (!(chi2 < least)) continue;
+      least = chi2;
+      again[k].start = other.start;
+      moved = true;
+    }
+  });
+  if (!moved) return f;
+  const Fit mended = fit_pieces(p, again, f, effects, options);
+  if (!(mended.cost() < f.cost())) return f;
+  pieces = std::move(again);
+  return mended;
 }
 
 double cost_of(const Problem& p, const std::vector<Piece>& pieces, const Fit& values) {
@@ -130,14 +171,6 @@ std::vector<Piece> join(const std::vector<Piece>& pieces, std::size_t length) {
     }
   }
   return joined;
-}
-
-// chi squared of a segment run from a start.
-double chi2_from(const Problem& p, const Segment& s, const Fit& values, const Start& start) {
-  const Response r = respond(p, s, values.values, start);
-  if (!usable(r.status)) return std::numeric_limits<double>::infinity();
-  const Eigen::Map<const Eigen::VectorXd> y(r.y.data(), s.y.size());
-  return weights(*p.data, s).cwiseProduct(s.y - y).squaredNorm();
 }
 
 // The best of starts drawn from what a segment leaves open around one, for a longer one. A step, such as one bounce
@@ -204,8 +237,7 @@ void follow_on(const Problem& p, std::vector<Piece>& pieces, const std::vector<P
 
 // A join that costs more than what it ties can tell ran into a hollow.
 bool holds(const Problem& p, const Piece& joined, double apart) {
-  const double rows = static_cast<double>(p.data->outputs() * (joined.end - joined.begin));
-  return joined.chi2 < apart + 15.0 + 0.05 * rows;
+  return joined.chi2 < apart + 15.0 + 0.05 * rows_of(p, joined);
 }
 
 // Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless.
@@ -301,7 +333,7 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
   // Cycle by cycle any parameter would fill a gap; the starts come first.
   FitOptions first = options;
   first.refit_parameters = false;
-  Fit f = fit_pieces(p, pieces, from, effects, first), none = from;
+  Fit f = fit_alike(p, pieces, from, effects, first), none = from;
   none.chi2 = std::numeric_limits<double>::infinity();
   for (std::size_t length = cycle; length < 2 * longest; length *= 2) {
     if (length > cycle && !join_where_it_holds(p, pieces, f, effects, options, length, hopeless)) return none;
@@ -329,18 +361,24 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   starts.refit_parameters = false;
   starts.iterations = 6;
   starts.enough = 1.0;
-  const auto cost = [&](double value, std::size_t length) {
+  std::vector<std::size_t> cycles = {1};
+  const auto cost = [&](double value) {
     Fit f = from;
     f.values[at] = c.nominal + value;
-    std::vector<Piece> pieces;
-    for (const Piece& piece : cut_to(p, segments, f, length, {})) {
-      if (piece.end <= most_cycles * cycle) pieces.push_back(piece);
+    double sum = 0.0;
+    for (const std::size_t n : cycles) {
+      std::vector<Piece> pieces;
+      for (const Piece& piece : cut_to(p, segments, f, n * cycle, {})) {
+        if (piece.end <= most_cycles * cycle) pieces.push_back(piece);
+      }
+      if (!std::isfinite(fit_alike(p, pieces, f, {}, starts).chi2)) return std::numeric_limits<double>::infinity();
+      for (const Piece& piece : pieces) sum += std::min(piece.chi2, lost * rows_of(p, piece));
     }
-    return fit_pieces(p, pieces, f, {}, starts).chi2;
+    return sum;
   };
   double best = std::numeric_limits<double>::quiet_NaN(), lowest = std::numeric_limits<double>::infinity();
-  const auto look = [&](double value, std::size_t length) {
-    const double now = cost(value, length);
+  const auto look = [&](double value) {
+    const double now = cost(value);
     if (!(now < lowest)) return;
     lowest = now;
     best = value;
@@ -348,21 +386,22 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   int rising = 0;
   for (int k = 0; k <= 10 && rising < 3; ++k) {
     const double before = lowest;
-    look(0.1 * c.probe * std::exp2(k), cycle);
+    look(0.1 * c.probe * std::exp2(k));
     rising = lowest < before ? 0 : rising + 1;
   }
   if (!std::isfinite(lowest)) return best;
-  double step = 0.5;  // [octave]
-  for (const std::size_t length : {cycle, 2 * cycle, 4 * cycle}) {
-    const double middle = best;
-    lowest = cost(middle, length);
-    for (int halvings = 0; halvings < 3; ++halvings, step *= 0.5) {
-      const double from_here = best;
-      look(from_here * std::exp2(step), length);
-      look(from_here / std::exp2(step), length);
+  const auto refine = [&](double step, double finest) {  // [octave]
+    lowest = cost(best);
+    for (; step >= finest; step *= 0.5) {
+      const double middle = best;
+      look(middle * std::exp2(step));
+      look(middle / std::exp2(step));
     }
-    step *= 4.0;
-  }
+  };
+  cycles = {2};
+  refine(0.5, 0.03);
+  cycles = {2, 4};
+  refine(0.03, 0.015);
   return best;
 }
 

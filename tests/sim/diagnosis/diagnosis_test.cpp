@@ -130,6 +130,22 @@ TEST_CASE("a foot that bounces leads to other gaits: its restitution is found wh
   CHECK(d.heldout.after < 1.05);
 }
 
+TEST_CASE("a gait that does not repeat: the first repeat of each stimulus tells what their mean cannot", "[diagnose]") {
+  Options o;
+  o.candidates = {"restitution"};
+  const Diagnosis d = judged(made({{"restitution", 0.25}}, 3, longer_campaign()), o);
+  CHECK(d.repeats == 1);  // so their mean was not explained
+  CHECK_FALSE(d.noise_measured);
+  REQUIRE(d.noise.size() == 2);
+  CHECK(d.noise[0] == Approx(1e-3).epsilon(0.1));
+  CHECK(d.noise[1] == Approx(6e-3).epsilon(0.1));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(std::abs(d.effects[0].value - 0.25) < 2e-3);
+  CHECK(d.heldout.refit > 3.0);
+  CHECK(d.heldout.after < 1.05);
+}
+
 TEST_CASE("what a bouncing foot would be seen by is no straight line, and as much as the fits say", "[diagnose]") {
   Options o;
   o.candidates = {"restitution"};
