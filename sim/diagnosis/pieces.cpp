@@ -99,12 +99,14 @@ double chi2_from(const Problem& p, const Segment& s, const Fit& values, const St
 Fit fit_alike(const Problem& p, std::vector<Piece>& pieces, const Fit& from, const std::vector<int>& effects,
               const FitOptions& options) {
   const Fit f = fit_pieces(p, pieces, from, effects, options);
+  const auto is_lost = [&](const Piece& piece) { return !(piece.chi2 < lost * rows_of(p, piece)); };
+  if (std::none_of(pieces.begin(), pieces.end(), is_lost)) return f;
   const Cut cut(p, pieces);
   std::vector<Piece> again = pieces;
   std::atomic<bool> moved = false;
   side_by_side(pieces.size(), [&](std::size_t k) {
+    if (!is_lost(pieces[k])) return;
     double least = pieces[k].chi2;
-    if (least < lost * rows_of(p, pieces[k])) return;
     for (const Piece& other : pieces) {
       const double chi2 = chi2_from(cut.problem, cut.data.segments[k], f, other.start);
       if (!(chi2 < least)) continue;
@@ -361,12 +363,12 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   starts.refit_parameters = false;
   starts.iterations = 6;
   starts.enough = 1.0;
-  std::vector<std::size_t> cycles = {1};
-  const auto cost = [&](double value) {
+  using Lengths = std::vector<std::size_t>;  // [cycle]
+  const auto cost = [&](double value, const Lengths& lengths) {
     Fit f = from;
     f.values[at] = c.nominal + value;
     double sum = 0.0;
-    for (const std::size_t n : cycles) {
+    for (const std::size_t n : lengths) {
       std::vector<Piece> pieces;
       for (const Piece& piece : cut_to(p, segments, f, n * cycle, {})) {
         if (piece.end <= most_cycles * cycle) pieces.push_back(piece);
@@ -377,8 +379,8 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
     return sum;
   };
   double best = std::numeric_limits<double>::quiet_NaN(), lowest = std::numeric_limits<double>::infinity();
-  const auto look = [&](double value) {
-    const double now = cost(value);
+  const auto look = [&](double value, const Lengths& lengths) {
+    const double now = cost(value, lengths);
     if (!(now < lowest)) return;
     lowest = now;
     best = value;
@@ -386,22 +388,20 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   int rising = 0;
   for (int k = 0; k <= 10 && rising < 3; ++k) {
     const double before = lowest;
-    look(0.1 * c.probe * std::exp2(k));
+    look(0.1 * c.probe * std::exp2(k), {1});
     rising = lowest < before ? 0 : rising + 1;
   }
   if (!std::isfinite(lowest)) return best;
-  const auto refine = [&](double step, double finest) {  // [octave]
-    lowest = cost(best);
+  const auto refine = [&](const Lengths& lengths, double step, double finest) {  // [octave]
+    lowest = cost(best, lengths);
     for (; step >= finest; step *= 0.5) {
       const double middle = best;
-      look(middle * std::exp2(step));
-      look(middle / std::exp2(step));
+      look(middle * std::exp2(step), lengths);
+      look(middle / std::exp2(step), lengths);
     }
   };
-  cycles = {2};
-  refine(0.5, 0.03);
-  cycles = {2, 4};
-  refine(0.03, 0.015);
+  refine({2}, 0.5, 0.03);
+  refine({2, 4}, 0.03, 0.015);
   return best;
 }
 
