@@ -108,6 +108,7 @@ Fit fit_alike(const Problem& p, std::vector<Piece>& pieces, const Fit& from, con
     if (!is_lost(pieces[k])) return;
     double least = pieces[k].chi2;
     for (const Piece& other : pieces) {
+      if (is_lost(other)) continue;
       const double chi2 = chi2_from(cut.problem, cut.data.segments[k], f, other.start);
       if (!(chi2 < least)) continue;
       least = chi2;
@@ -209,37 +210,29 @@ Start drawn(const Problem& known, const Segment& s, const Problem& longer, const
   return best;
 }
 
-// From pieces whose starts are known to longer ones that ran into a hollow: a little further at a time.
-void follow_on(const Problem& p, std::vector<Piece>& pieces, const std::vector<Piece>& known, const Fit& values) {
+// A join that costs more than what it ties can tell ran into a hollow.
+double most_of(const Problem& p, const Piece& joined, double apart) { return apart + 15.0 + 0.05 * rows_of(p, joined); }
+
+bool holds(const Problem& p, const Piece& joined, double apart) { return joined.chi2 < most_of(p, joined, apart); }
+
+// From a piece whose start is known to a longer one that ran into a hollow: a little further at a time, and no further
+// once its chi squared is past `most`.
+Piece follow_on(const Problem& p, const Piece& known, std::size_t end, const Fit& values, double most) {
   const auto cycle = static_cast<std::size_t>(p.data->sections);
   FitOptions starts;
   starts.refit_parameters = false;
-  std::vector<Piece> reached = known;
-  for (bool more = true; more;) {
-    more = false;
+  std::vector<Piece> reached = {known};
+  while (reached[0].end < end && reached[0].chi2 < most) {
     std::vector<Piece> next = reached;
-    for (std::size_t k = 0; k < next.size(); ++k) {
-      const std::size_t length = reached[k].end - reached[k].begin;
-      next[k].end = std::min(pieces[k].end, reached[k].end + std::max(cycle, length / 8));
-      more = more || next[k].end < pieces[k].end;
-    }
+    const std::size_t length = reached[0].end - reached[0].begin;
+    next[0].end = std::min(end, reached[0].end + std::max(cycle, length / 8));
     const Cut before(p, reached), after(p, next);
-    side_by_side(next.size(), [&](std::size_t k) {
-      next[k].start = drawn(before.problem, before.data.segments[k], after.problem, after.data.segments[k], values,
-                            reached[k].start, next[k].end);
-    });
+    next[0].start = drawn(before.problem, before.data.segments[0], after.problem, after.data.segments[0], values,
+                          reached[0].start, next[0].end);
     fit_pieces(p, next, values, {}, starts);
     reached = std::move(next);
   }
-  for (std::size_t k = 0; k < pieces.size(); ++k) {
-    pieces[k].start = reached[k].start;
-    pieces[k].chi2 = reached[k].chi2;
-  }
-}
-
-// A join that costs more than what it ties can tell ran into a hollow.
-bool holds(const Problem& p, const Piece& joined, double apart) {
-  return joined.chi2 < apart + 15.0 + 0.05 * rows_of(p, joined);
+  return reached[0];
 }
 
 // Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless.
@@ -254,6 +247,7 @@ bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, c
     std::size_t place;  // of its first part
     Piece piece;
     int parts;
+    double apart = 0.0;  // chi squared of its parts
   };
   std::vector<Stuck> stuck;
   std::vector<Piece> mixed, as_before;
@@ -282,20 +276,18 @@ bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, c
   const bool onward = follows && cost_of(p, mixed, together) < cost_of(p, as_before, f);
   pieces = onward ? std::move(mixed) : std::move(as_before);
   f = fit_pieces(p, pieces, onward ? together : f, effects, options);
-  std::vector<Piece> known, again;
-  for (const Stuck& s : stuck) {
-    known.push_back(pieces[s.place]);
-    again.push_back(s.piece);
-    again.back().start = known.back().start;
-  }
-  follow_on(p, again, known, f);
+  side_by_side(stuck.size(), [&](std::size_t k) {
+    Stuck& s = stuck[k];
+    const auto at = first_of(s.place);
+    s.apart = std::accumulate(at, at + s.parts, 0.0, [](double sum, const Piece& x) { return sum + x.chi2; });
+    s.piece = follow_on(p, *at, s.piece.end, f, most_of(p, s.piece, s.apart));
+  });
   for (std::size_t k = stuck.size(); k-- > 0;) {  // from the end, so that places stay what they are
-    const auto at = first_of(stuck[k].place), end = at + stuck[k].parts;
-    const double before = std::accumulate(at, end, 0.0, [](double sum, const Piece& x) { return sum + x.chi2; });
-    if (!holds(p, again[k], before)) continue;
-    f.chi2 += again[k].chi2 - before;
-    *at = again[k];
-    pieces.erase(at + 1, end);
+    const auto at = first_of(stuck[k].place), last = at + stuck[k].parts - 1;
+    if (stuck[k].piece.end < last->end || !holds(p, stuck[k].piece, stuck[k].apart)) continue;
+    f.chi2 += stuck[k].piece.chi2 - stuck[k].apart;
+    *at = stuck[k].piece;
+    pieces.erase(at + 1, last + 1);
   }
   return true;
 }
@@ -363,20 +355,23 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   starts.refit_parameters = false;
   starts.iterations = 6;
   starts.enough = 1.0;
-  using Lengths = std::vector<std::size_t>;  // [cycle]
-  const auto cost = [&](double value, const Lengths& lengths) {
+  using Lengths = std::vector<std::size_t>;                      // [cycle]
+  const auto cost = [&](double value, const Lengths& lengths) {  // [-] of what it is where every run is lost
     Fit f = from;
     f.values[at] = c.nominal + value;
-    double sum = 0.0;
+    double sum = 0.0, most = 0.0;
     for (const std::size_t n : lengths) {
       std::vector<Piece> pieces;
       for (const Piece& piece : cut_to(p, segments, f, n * cycle, {})) {
         if (piece.end <= most_cycles * cycle) pieces.push_back(piece);
       }
       if (!std::isfinite(fit_alike(p, pieces, f, {}, starts).chi2)) return std::numeric_limits<double>::infinity();
-      for (const Piece& piece : pieces) sum += std::min(piece.chi2, lost * rows_of(p, piece));
+      for (const Piece& piece : pieces) {
+        sum += std::min(piece.chi2, lost * rows_of(p, piece));
+        most += lost * rows_of(p, piece);
+      }
     }
-    return sum;
+    return sum / most;
   };
   double best = std::numeric_limits<double>::quiet_NaN(), lowest = std::numeric_limits<double>::infinity();
   const auto look = [&](double value, const Lengths& lengths) {
@@ -385,13 +380,14 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
     lowest = now;
     best = value;
   };
+  const double least = 0.1 * c.probe;
   int rising = 0;
   for (int k = 0; k <= 10 && rising < 3; ++k) {
     const double before = lowest;
-    look(0.1 * c.probe * std::exp2(k), {1});
+    look(least * std::exp2(k), {1});
     rising = lowest < before ? 0 : rising + 1;
   }
-  if (!std::isfinite(lowest)) return best;
+  if (!(lowest < 0.95) || best == least) return std::numeric_limits<double>::quiet_NaN();
   const auto refine = [&](const Lengths& lengths, double step, double finest) {  // [octave]
     lowest = cost(best, lengths);
     for (; step >= finest; step *= 0.5) {

@@ -18,8 +18,8 @@ Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& f
                 const std::vector<int>& whole = {});
 
 // The value of an effect with a probe, a tenth to a hundred of it, at which runs of one cycle, then of two and four,
-// started anew each, fit best with all else as it is; NaN where the machine follows at none. Along a cycle there are
-// no hollows that a coarse search would miss.
+// started anew each, fit best with all else as it is; NaN where runs are lost at any value, or fit the better the less
+// there is of it. Along a cycle there are no hollows that a coarse search would miss.
 double scan(const Problem& p, const std::vector<int>& segments, const Fit& from, int effect);
 
 }  // namespace saltus::diagnosis
