@@ -61,15 +61,13 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     if (c.shifts_time) f.values[at] = std::min(f.values[at], 0.1 * p_.machine->cycle_period);
     return f;
   };
-  FitOptions quick;
-  quick.brief = true;
   const std::vector<double> starts = guesses(added, estimate, patient);
   if (starts.size() == 1 && from.empty())
-    return store({set, fit(p_, segments_, off_by(starts[0]), set, quick), 0.0, false});
+    return store({set, fit(p_, segments_, off_by(starts[0]), set, briefly), 0.0, false});
 
   // A few steps from each on part of the data, then from the best on all of it.
   constexpr double hopeless = 1e4;  // [-] times the best so far
-  FitOptions brief = quick;
+  FitOptions brief = briefly;
   if (starts.size() > 1) {
     brief.iterations = 4;
     brief.enough = 1.0;
@@ -98,8 +96,6 @@ void Search::step_aside(int added) {
   const std::vector<int> set{added};
   const auto at = static_cast<std::size_t>(added);
   const double nominal = p_.machine->coefficients[at].nominal;
-  FitOptions quick;
-  quick.brief = true;
   double wide = 0.1;
   for (int round = 0; round < 4 && wide > 0.04; ++round) {
     const Fit from = pool_.at(set).fit;
@@ -107,8 +103,8 @@ void Search::step_aside(int added) {
     for (const double factor : {1.0 - wide, 1.0 + wide}) {
       Fit f = from;
       f.values[at] = nominal + factor * (from.values[at] - nominal);
-      f = fit(p_, segments_, f, {}, quick);
-      if (f.cost() < from.cost() + 0.5 * explained) store({set, fit(p_, segments_, f, set, quick), 0.0, false});
+      f = fit(p_, segments_, f, {}, briefly);
+      if (f.cost() < from.cost() + 0.5 * explained) store({set, fit(p_, segments_, f, set, briefly), 0.0, false});
     }
     if (!(pool_.at(set).fit.cost() < from.cost() - 1.0)) wide *= 0.5;
   }
@@ -123,9 +119,7 @@ const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions opt
     const Fit moved = fit(p_, rest, f, {}, options);
     if (std::isfinite(moved.chi2)) f.start = moved.start;
   }
-  FitOptions quick;
-  quick.brief = true;
-  return store({set, fit(p_, segments_, f, set, quick), 0.0, false});
+  return store({set, fit(p_, segments_, f, set, briefly), 0.0, false});
 }
 
 const Trial& Search::dismiss(const std::vector<int>& set) {
@@ -151,16 +145,14 @@ void Search::grow(int added) {
   const double samples = samples_of(part);
   const double hopeless = samples + 0.5 * std::max(0.0, cost_on(part, rival->fit) - samples);
   // It may do to move the starts there, all of them: a few alone may draw the value to where the others cannot follow.
-  FitOptions starts_alone;
-  starts_alone.refit_parameters = false;
   const Fit there = fit(p_, segments_, f, {}, starts_alone);
   if (std::isfinite(there.chi2) && passes(store({set, fit(p_, segments_, there, set), 0.0, true}).fit)) return;
-  f = fit_growing(p_, part, f, set, {}, hopeless);
+  f = fit_growing(p_, part, f, set, hopeless);
   if (!std::isfinite(f.chi2)) return;
   Fit settled = f;
   if (!rest.empty() && settle_starts(p_, settled)) {
     for (const int s : rest) f.start[static_cast<std::size_t>(s)] = settled.start[static_cast<std::size_t>(s)];
-    const Fit grown = fit_growing(p_, segments_, f, set, {}, std::numeric_limits<double>::infinity(), part);
+    const Fit grown = fit_growing(p_, segments_, f, set, std::numeric_limits<double>::infinity(), part);
     if (std::isfinite(grown.chi2)) f = grown;
   }
   store({set, fit(p_, segments_, f, set), 0.0, true});

@@ -41,6 +41,8 @@ struct FitOptions {
   double enough = 0.05;  // stop when the cost falls by less
   bool brief = false;    // do not ask for fresh sensitivities before stopping
 };
+inline constexpr FitOptions briefly{.brief = true};
+inline constexpr FitOptions starts_alone{.refit_parameters = false};
 
 // `segments`: which to use. `from`: a fit to start at.
 Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,

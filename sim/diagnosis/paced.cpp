@@ -44,9 +44,7 @@ double expected_chi2(const Problem& p, const std::vector<int>& segments) {
 }
 
 Fit Question::predict(const std::vector<int>& segments, const Fit& f) const {
-  FitOptions o;
-  o.refit_parameters = false;
-  return fit(p, segments, f, {}, o);
+  return fit(p, segments, f, {}, starts_alone);
 }
 
 // Where the charts change, what the fitted part leaves open of the values may decide which gait the machine is led

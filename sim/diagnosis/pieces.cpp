@@ -67,7 +67,7 @@ constexpr double lost = 2.0;  // [-] of a piece's rows: its start is not found
 
 // Fits the pieces from where they start; what it finds is theirs.
 Fit fit_pieces(const Problem& p, std::vector<Piece>& pieces, const Fit& from, const std::vector<int>& effects,
-               const FitOptions& options) {
+               const FitOptions& options = {}) {
   const Cut cut(p, pieces);
   Fit f = from;
   f.start.clear();
@@ -219,8 +219,6 @@ bool holds(const Problem& p, const Piece& joined, double apart) { return joined.
 // once its chi squared is past `most`.
 Piece follow_on(const Problem& p, const Piece& known, std::size_t end, const Fit& values, double most) {
   const auto cycle = static_cast<std::size_t>(p.data->sections);
-  FitOptions starts;
-  starts.refit_parameters = false;
   std::vector<Piece> reached = {known};
   while (reached[0].end < end && reached[0].chi2 < most) {
     std::vector<Piece> next = reached;
@@ -229,7 +227,7 @@ Piece follow_on(const Problem& p, const Piece& known, std::size_t end, const Fit
     const Cut before(p, reached), after(p, next);
     next[0].start = drawn(before.problem, before.data.segments[0], after.problem, after.data.segments[0], values,
                           reached[0].start, next[0].end);
-    fit_pieces(p, next, values, {}, starts);
+    fit_pieces(p, next, values, {}, starts_alone);
     reached = std::move(next);
   }
   return reached[0];
@@ -237,7 +235,7 @@ Piece follow_on(const Problem& p, const Piece& known, std::size_t end, const Fit
 
 // Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless.
 bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, const std::vector<int>& effects,
-                         const FitOptions& options, std::size_t length, double hopeless) {
+                         std::size_t length, double hopeless, const FitOptions& options = {}) {
   const std::vector<Piece> apart = join(pieces, length);
   std::vector<Piece> joined = apart;
   const Fit together = fit_pieces(p, joined, f, effects, options);
@@ -295,22 +293,20 @@ bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, c
 // The last joins where the values that the pieces leave open decide which way the machine goes: from values drawn
 // from what they leave, with the starts that go with them, until every join holds.
 void join_at_drawn_values(const Problem& p, std::vector<Piece>& pieces, Fit& f, const std::vector<int>& effects,
-                          const FitOptions& options, std::size_t length) {
+                          std::size_t length) {
   constexpr int draws = 12;
   constexpr double far = 50.0;  // [-] of chi squared above the best that pieces alone have
-  FitOptions starts = options;
-  starts.refit_parameters = false;
   Random random(pieces.size());
   std::vector<int> segments;
   for (const Piece& piece : pieces) segments = with(segments, piece.segment);
   for (int draw = 0; draw < draws; ++draw) {
     Fit moved = drawn_values(p, f, random);
     std::vector<Piece> there = pieces;
-    moved = fit_pieces(p, there, moved, {}, starts);
+    moved = fit_pieces(p, there, moved, {}, starts_alone);
     if (!(moved.cost() < f.cost() + far)) continue;
-    join_where_it_holds(p, there, moved, {}, starts, length, std::numeric_limits<double>::infinity());
+    join_where_it_holds(p, there, moved, {}, length, std::numeric_limits<double>::infinity(), starts_alone);
     if (there.size() > segments.size()) continue;
-    f = fit_pieces(p, there, moved, effects, options);
+    f = fit_pieces(p, there, moved, effects);
     pieces = std::move(there);
     return;
   }
@@ -319,24 +315,22 @@ void join_at_drawn_values(const Problem& p, std::vector<Piece>& pieces, Fit& f, 
 }  // namespace
 
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
-                const FitOptions& options, double hopeless, const std::vector<int>& whole) {
+                double hopeless, const std::vector<int>& whole) {
   const auto cycle = static_cast<std::size_t>(p.data->sections);
   std::size_t longest = 0;
   for (const int s : segments) longest = std::max(longest, p.data->segments[static_cast<std::size_t>(s)].samples());
   std::vector<Piece> pieces = cut_to(p, segments, from, cycle, whole);
   // Cycle by cycle any parameter would fill a gap; the starts come first.
-  FitOptions first = options;
-  first.refit_parameters = false;
-  Fit f = fit_alike(p, pieces, from, effects, first), none = from;
+  Fit f = fit_alike(p, pieces, from, effects, starts_alone), none = from;
   none.chi2 = std::numeric_limits<double>::infinity();
   for (std::size_t length = cycle; length < 2 * longest; length *= 2) {
-    if (length > cycle && !join_where_it_holds(p, pieces, f, effects, options, length, hopeless)) return none;
+    if (length > cycle && !join_where_it_holds(p, pieces, f, effects, length, hopeless)) return none;
     if (length >= longest && pieces.size() > segments.size()) {  // once more, with what the others taught
-      join_where_it_holds(p, pieces, f, effects, options, length, hopeless);
-      if (pieces.size() > segments.size()) join_at_drawn_values(p, pieces, f, effects, options, length);
+      join_where_it_holds(p, pieces, f, effects, length, hopeless);
+      if (pieces.size() > segments.size()) join_at_drawn_values(p, pieces, f, effects, length);
       if (pieces.size() > segments.size()) {
         pieces = join(pieces, length);
-        f = fit_pieces(p, pieces, f, effects, options);
+        f = fit_pieces(p, pieces, f, effects);
       }
     }
     if (!(f.chi2 < hopeless)) return none;
@@ -351,10 +345,7 @@ double scan(const Problem& p, const std::vector<int>& segments, const Fit& from,
   const auto at = static_cast<std::size_t>(effect);
   const Coefficient& c = p.machine->coefficients[at];
   const auto cycle = static_cast<std::size_t>(p.data->sections);
-  FitOptions starts;
-  starts.refit_parameters = false;
-  starts.iterations = 6;
-  starts.enough = 1.0;
+  constexpr FitOptions starts{.refit_parameters = false, .iterations = 6, .enough = 1.0};
   using Lengths = std::vector<std::size_t>;                      // [cycle]
   const auto cost = [&](double value, const Lengths& lengths) {  // [-] of what it is where every run is lost
     Fit f = from;

@@ -14,8 +14,7 @@ namespace saltus::diagnosis {
 // four. chi2 is infinite where the machine cannot follow, or where it comes to more than `hopeless` [-] on the way: it
 // can but grow. Segments in `whole` are not cut: they are fitted already.
 Fit fit_growing(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
-                const FitOptions& options = {}, double hopeless = std::numeric_limits<double>::infinity(),
-                const std::vector<int>& whole = {});
+                double hopeless = std::numeric_limits<double>::infinity(), const std::vector<int>& whole = {});
 
 // The value of an effect with a probe, a tenth to a hundred of it, at which runs of one cycle, then of two and four,
 // started anew each, fit best with all else as it is; NaN where runs are lost at any value, or fit the better the less

@@ -93,9 +93,7 @@ const Trial* Search::leaving_a_trifle() const {
 }
 
 void Search::baseline(const Fit& declared) {
-  FitOptions as_is;
-  as_is.iterations = 0;
-  declared_ = fit(p_, segments_, declared, {}, as_is);
+  declared_ = fit(p_, segments_, declared, {}, {.iterations = 0});
   store({{}, fit(p_, segments_, declared, {}), 0.0, true});
   base_gate_ = gate(base().fit);
   inflation_ = std::max(1.0, base_gate_.evidence.inflation);
@@ -262,8 +260,6 @@ void Search::fit_likely_pairs() {
     Fit fit;
   };
   std::vector<Begun> begun;
-  FitOptions brief;
-  brief.brief = true;
   for (std::size_t k = 0; k < pairs.size() && k < 3; ++k) {
     const Pair& q = pairs[k];
     const std::vector<int> set = with({q.i}, q.j);
@@ -271,10 +267,10 @@ void Search::fit_likely_pairs() {
     Fit f = base().fit;
     f.values[static_cast<std::size_t>(q.i)] += q.vi;
     f.values[static_cast<std::size_t>(q.j)] += q.vj;
-    begun.push_back({set, fit(p_, few_and_rest().first, f, set, brief)});
+    begun.push_back({set, fit(p_, few_and_rest().first, f, set, briefly)});
   }
   std::sort(begun.begin(), begun.end(), [](const Begun& x, const Begun& y) { return x.fit.cost() < y.fit.cost(); });
-  for (const Begun& b : begun) complete(b.set, b.fit, brief);
+  for (const Begun& b : begun) complete(b.set, b.fit, briefly);
 }
 
 // From the best sets of one effect to sets of two, and on, until the gate passes or nothing larger helps.

@@ -153,15 +153,8 @@ const std::vector<double>& Selection::left_out(const Attempt& a) {
   for (int part = 0; part < parts; ++part) {
     std::vector<int> kept, gone;
     for (std::size_t i = 0; i < segments_.size(); ++i) (blocks_[i] == part ? gone : kept).push_back(segments_[i]);
-    FitOptions o;
-    o.iterations = 4;
-    o.enough = 0.5;
-    const Fit f = fit(p_, kept, a.fit, a.effects, o);
-    FitOptions starts;
-    starts.refit_parameters = false;
-    starts.iterations = 4;
-    starts.enough = 0.5;
-    const Fit g = fit(p_, gone, f, {}, starts);
+    const Fit f = fit(p_, kept, a.fit, a.effects, {.iterations = 4, .enough = 0.5});
+    const Fit g = fit(p_, gone, f, {}, {.refit_parameters = false, .iterations = 4, .enough = 0.5});
     const auto r = residuals(p_, gone, g);
     for (const int s : gone) {
       const auto& e = r[static_cast<std::size_t>(s)];

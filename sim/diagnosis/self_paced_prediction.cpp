@@ -8,12 +8,9 @@
 namespace saltus::diagnosis {
 
 Misfit misfit(const Work& w, const std::vector<int>& segments, const Fit& values) {
-  FitOptions o;
-  o.refit_parameters = false;
-  o.iterations = 10;
   const auto ny = w.sensors.size();
   Misfit m{0.0, 0.0, Eigen::VectorXd::Zero(ny), Eigen::VectorXd::Zero(ny)};
-  const Fit f = fit(w.p, segments, values, {}, o);
+  const Fit f = fit(w.p, segments, values, {}, {.refit_parameters = false, .iterations = 10});
   const auto r = residuals(w.p, segments, f);
   for (const int k : segments) {
     const auto& e = r[static_cast<std::size_t>(k)];
