@@ -233,7 +233,8 @@ Piece follow_on(const Problem& p, const Piece& known, std::size_t end, const Fit
   return reached[0];
 }
 
-// Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless.
+// Joins neighbours up to `length` where that holds. False where most of it does not, and all together it is hopeless,
+// or where what was to be joined by now is four times as many: they lack something else.
 bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, const std::vector<int>& effects,
                          std::size_t length, double hopeless, const FitOptions& options = {}) {
   const std::vector<Piece> apart = join(pieces, length);
@@ -287,7 +288,7 @@ bool join_where_it_holds(const Problem& p, std::vector<Piece>& pieces, Fit& f, c
     *at = stuck[k].piece;
     pieces.erase(at + 1, last + 1);
   }
-  return true;
+  return pieces.size() <= 4 * joined.size();
 }
 
 // The last joins where the values that the pieces leave open decide which way the machine goes: from values drawn

@@ -82,7 +82,8 @@ double Search::left_by(const Trial& t) const {
 }
 
 const Trial* Search::leaving_a_trifle() const {
-  constexpr double of_explained = 0.005, of_noise = 0.02;  // [-] of squares
+  constexpr double of_explained = 0.005;                          // [-] of squares
+  const double of_noise = p_.data->noise_measured ? 0.02 : 0.05;  // [-] of squares
   const double trifle = std::min(of_explained * (base().fit.chi2 - samples_), of_noise * measurements_);
   if (!(trifle > 0.0)) return nullptr;  // nothing was left to begin with
   const Trial* best = nullptr;
@@ -276,6 +277,8 @@ void Search::fit_likely_pairs() {
 // From the best sets of one effect to sets of two, and on, until the gate passes or nothing larger helps.
 void Search::enlarge(const std::function<void(double)>& progress) {
   constexpr std::size_t most_effects = 4;
+  constexpr double hardly = 0.1;  // [-] of what is left: too little for a third effect or a fourth
+  double left_before = std::numeric_limits<double>::infinity();
   for (std::size_t size = 1; size <= most_effects; ++size) {
     finish_near(0.0);
     Trial b = best();
@@ -290,9 +293,11 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       const Trial* one = leaving_a_trifle();
       if (one != nullptr && b.fit.chi2 - samples_ > 0.5 * (one->fit.chi2 - samples_)) break;
     }
-    // More effects only where these already explain most of what there is.
+    // More effects only where these already explain most of what there is, and the last of them much of what was left.
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
     if (size > 1 && left > 0.15 * excess) break;
+    if (size > 2 && left > 0.5 * left_before) break;
+    left_before = left;
     // From the best few sets of this size to the next.
     std::vector<const Trial*> sets;
     for (const auto& [set, t] : pool_) {
@@ -317,6 +322,7 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       if (i == likely && passes(best().fit)) break;
       const Lead& l = next[i];
       const bool patient = curved(l.added) && i < 3;
+      if (size > 1 && !curved(l.added) && l.gain < hardly * (pool_.at(l.from).fit.chi2 - samples_)) continue;
       if (l.gain < 4.0 || (!patient && pool_.count(with(l.from, l.added)) > 0)) continue;
       explore(l.from, pool_.at(l.from).fit, l.added, l.estimate, patient);
       progress(0.4 + 0.1 * static_cast<double>(size) + 0.1 * static_cast<double>(i) / static_cast<double>(next.size()));
@@ -357,7 +363,8 @@ const Trial& Search::settle() {
       const auto at = std::find(b->fit.free.begin(), b->fit.free.end(), e) - b->fit.free.begin();
       const double nominal = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       const double off = b->fit.values[static_cast<std::size_t>(e)] - nominal;
-      if (!(loss < bar) && !fewer.empty() && off * off < 4.0 * bar * b->fit.covariance(at, at)) {
+      const double own = off * off / b->fit.covariance(at, at);  // [-] of what its own error makes of it
+      if (!(loss < bar) && !fewer.empty() && own < 4.0 * bar) {
         // Its own error says that the fit without it may have been trapped: once more, from here, by and by.
         Fit f = b->fit;
         for (const double part : {0.6, 0.3, 0.1, 0.0}) {
@@ -366,7 +373,7 @@ const Trial& Search::settle() {
         }
         loss = store({fewer, f, 0.0, true}).fit.cost() - b->fit.cost();
       }
-      if (loss < bar) {
+      if (loss < bar || (!fewer.empty() && own < 4.0)) {  // or nothing is known of it, and the rest is trapped
         b = &pool_.at(fewer);
         again = true;
         break;
