@@ -135,8 +135,9 @@ void test_colour(Data& data) {
     if (const double rho = product[1] / product[0]; rho > 0.75) {
       data.wandering = true;
       data.notes.push_back("Repeats of one stimulus differ by " + text(1.0 / std::sqrt(1.0 - rho), "%.2g") +
-                           " times what neighbouring samples of the difference scatter by: a disturbance that the "
-                           "record does not hold moves the machine, or its gait does not repeat.");
+                           " times what neighbouring samples of the difference scatter by: a sensor's noise is that "
+                           "slow, a disturbance that the record does not hold moves the machine, or its gait does not "
+                           "repeat.");
     }
   }
 }

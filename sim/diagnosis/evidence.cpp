@@ -76,6 +76,20 @@ double line_power(const Data& data, const Eigen::VectorXd& x, const std::vector<
   return power;
 }
 
+// Columns less their means over the cycles of each segment.
+Eigen::MatrixXd without_mean_cycle(const Data& data, const std::vector<int>& segments, const Signatures& s,
+                                   Eigen::MatrixXd columns) {
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    const Eigen::Index rows = data.segments[static_cast<std::size_t>(segments[j])].y.size();
+    for (Eigen::Index k = 0; k < columns.cols(); ++k) {
+      auto part = columns.col(k).segment(s.offset[j], rows);
+      const Eigen::VectorXd mean = mean_cycle(data, part);
+      for (Eigen::Index i = 0; i < rows; ++i) part[i] -= mean[i % mean.size()];
+    }
+  }
+  return columns;
+}
+
 }  // namespace
 
 std::vector<View> views(const Problem& p, const std::vector<int>& segments, const Fit& f) {
@@ -155,6 +169,20 @@ double Evidence::cosine(Eigen::Index i, Eigen::Index j) const {
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances) {
   return weigh(p, segments, f, signatures(p, segments, f, candidates), tolerances);
+}
+
+double beyond_mean_cycle(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
+                         int effect) {
+  const auto k = static_cast<std::size_t>(effect);
+  const double size = f.values[k] - p.machine->coefficients[k].nominal;
+  Signatures rest = released(s, effect);
+  const Eigen::VectorXd own = rest.C.rightCols(1);
+  rest.candidates = {effect};
+  rest.C = without_mean_cycle(*p.data, segments, s, own);
+  rest.N = without_mean_cycle(*p.data, segments, s, rest.N);
+  rest.r = without_mean_cycle(*p.data, segments, s, s.r + size * own);
+  const double z = weigh(p, segments, f, rest).z[0];
+  return size < 0.0 ? -z : z;
 }
 
 Evidence among(const Evidence& e, const std::vector<int>& candidates) {

@@ -44,6 +44,12 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
 // The same for some of the candidates.
 Evidence among(const Evidence& e, const std::vector<int>& candidates);
 
+// Standard errors by which an effect that is refitted at f, of signatures s there, is seen in all but the mean cycle;
+// negative where that asks for the other sign. What is seen in the mean cycle alone could be any force that repeats
+// with it.
+double beyond_mean_cycle(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
+                         int effect);
+
 constexpr double power_95 = 1.645;  // [-] standard errors above a threshold of what is seen with a power of 95 %
 // An effect of some size, and by how many standard errors it would be off.
 struct Seen {

@@ -5,6 +5,7 @@
 
 #include "../format.hpp"
 #include "paced.hpp"
+#include "sets.hpp"
 
 namespace saltus::diagnosis {
 namespace {
@@ -53,6 +54,7 @@ void list_findings(Diagnosis& d, const Question& q, const Answer& a) {
     for (const auto& [mine, other] : a.ties) {
       if (mine == c) f.ties.push_back(name_of(q.machine, other));
     }
+    if (has(a.in_mean_cycle, c)) f.ties.push_back("periodic_force");
     d.effects.push_back(std::move(f));
   }
   d.views_after = a.after.views;
@@ -71,7 +73,7 @@ void list_parameters(Diagnosis& d, const Question& q, const Answer& a) {
     d.parameters.push_back(
         {c.name, c.unit, c.nominal, tolerance, a.refit.values[k], error(a.refit), last.values[k], error(last)});
     const double off = (last.values[k] - c.nominal) / std::max(1e-300, tolerance);
-    if (tolerance > 0.0 && std::abs(off) > 4.0) {
+    if (tolerance > 0.0 && std::abs(off) > 3.0) {
       d.notes.push_back("Parameter " + c.name + " lies " + text(std::abs(off), "%.1f") +
                         " tolerances from its declared value: " + text(last.values[k], "%.5g") + " " + c.unit +
                         " instead of " + text(c.nominal, "%.5g") + ".");
@@ -128,6 +130,11 @@ void list_errors(Diagnosis& d, const Question& q, const Answer& a, const Search&
     if (!(q.on_held_out(t.fit, set).chi2 < a.held_after.chi2 - no_telling)) continue;
     d.notes.push_back("Held-out data prefer " + listed(names_of(q.machine, set)) + ".");
     if (d.verdict == Verdict::effect_found) d.verdict = Verdict::ambiguous;
+    if (const auto swap = swapped(a.chosen.effects, set)) {
+      for (Finding& f : d.effects) {
+        if (f.name == name_of(q.machine, swap->first)) f.ties.push_back(name_of(q.machine, swap->second));
+      }
+    }
   }
 }
 

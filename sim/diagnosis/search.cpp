@@ -136,6 +136,10 @@ const Signatures& Search::signatures_at(const Fit& f) const {
   return known_.back().signatures;
 }
 
+double Search::beyond_mean_cycle(const Trial& t, int effect) const {
+  return diagnosis::beyond_mean_cycle(p_, segments_, t.fit, signatures_at(t.fit), effect);
+}
+
 std::vector<int> Search::judged() const {
   std::vector<int> r;
   const Evidence& e = base_gate_.evidence;

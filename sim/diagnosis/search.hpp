@@ -61,6 +61,8 @@ class Search {
   // The best single effect that leaves a trifle, far below both the noise and what it explains: with enough data every
   // law is seen to be off. Null where there is none.
   const Trial* leaving_a_trifle() const;
+  // Standard errors by which an effect of a trial is seen in all but the mean cycle.
+  double beyond_mean_cycle(const Trial& t, int effect) const;
 
   const Trial& base() const { return pool_.at({}); }
   const Gate& base_gate() const { return base_gate_; }

@@ -76,7 +76,7 @@ void tell(Diagnosis& d) {
                        d.heldout.before, d.heldout.refit, d.effects.empty() ? "final" : "with the effect",
                        d.heldout.after));
   }
-  if (!d.effects.empty() && std::isfinite(d.heldout.after) && !(d.excess_explained < 0.0)) {
+  if (!d.effects.empty() && std::isfinite(d.heldout.after) && d.excess_explained > 0.0) {
     s.push_back(format(
         "That is %.1f %% of the excess over the noise that refitting alone leaves (%.2f %% of the declared model's).",
         100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));

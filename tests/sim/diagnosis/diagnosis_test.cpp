@@ -146,6 +146,32 @@ TEST_CASE("a gait that does not repeat: the first repeat of each stimulus tells 
   CHECK(d.heldout.after < 1.05);
 }
 
+TEST_CASE("what only the mean cycle shows could be any force that repeats with it", "[diagnose]") {
+  Campaign c = longer_campaign();
+  const Diagnosis moved = judged(made({{"quadratic_drag@body", 0.03}}, 4, c));
+  CHECK(moved.verdict == Verdict::effect_found);
+  REQUIRE(moved.effects.size() == 1);
+  CHECK(moved.effects[0].ties.empty());
+  c.amplitude = 1e-3;  // a response that drowns in the noise
+  const Diagnosis unmoved = judged(made({{"quadratic_drag@body", 0.03}}, 4, c));
+  CHECK(unmoved.verdict == Verdict::ambiguous);
+  REQUIRE(unmoved.effects.size() == 1);
+  CHECK(unmoved.effects[0].ties.back() == "periodic_force");
+  CHECK(unmoved.separate.find("times the amplitude") != std::string::npos);
+}
+
+TEST_CASE("noise as slow as the motion is no correction of a parameter", "[diagnose]") {
+  Campaign c = short_campaign();
+  c.colour = 0.9;
+  int corrected = 0;
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    const Diagnosis d = judged(made({}, seed, c));
+    CHECK(d.effects.empty());
+    corrected += d.verdict != Verdict::no_discrepancy;
+  }
+  CHECK(corrected <= 1);
+}
+
 TEST_CASE("what a bouncing foot would be seen by is no straight line, and as much as the fits say", "[diagnose]") {
   Options o;
   o.candidates = {"restitution"};
