@@ -120,11 +120,15 @@ Verdict compare_rivals(Diagnosis& d, const Question& q, Answer& a, const Search&
 
 // What acts within the machine changes its response to stimuli too; a sensor need not.
 Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const Search& search) {
-  constexpr double seen = 2.0;  // [-] standard errors
-  for (const int e : a.chosen.effects) {
+  constexpr double seen = 2.0;     // [-] standard errors
+  constexpr double shaped = 15.0;  // [-] of them: from here the mean cycle's shape tells a law from another force
+  for (std::size_t i = 0; i < a.chosen.effects.size(); ++i) {
+    const int e = a.chosen.effects[i];
+    const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(e)];
+    const double off = std::abs(a.chosen.fit.values[static_cast<std::size_t>(e)] - c.nominal);
     const std::string effect = name_of(q.machine, e);
     const bool of_sensor = effect.rfind("sensor_", 0) == 0;
-    if (q.data.sections == 0 || of_sensor || !q.machine.coefficients[static_cast<std::size_t>(e)].candidate) continue;
+    if (q.data.sections == 0 || of_sensor || !c.candidate || off > shaped * a.intervals[i].sigma) continue;
     const double z = search.beyond_mean_cycle(a.chosen, e);
     if (!(z < seen)) continue;
     a.in_mean_cycle.push_back(e);
