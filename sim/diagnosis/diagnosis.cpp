@@ -25,8 +25,17 @@ Verdict no_effect(const Diagnosis& d, const Question& q, const Answer& a, double
   return holds && p_shift > 0.1 * false_alarm ? Verdict::no_discrepancy : Verdict::parameters_only;
 }
 
+// Standard errors by which stimuli show an effect that acts within the machine: it changes its response to them too,
+// a sensor need not.
+constexpr double seen = 2.0;
+bool only_mean_cycle_shows(const Question& q, const Search& search, const Trial& t, int effect) {
+  const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(effect)];
+  const bool of_sensor = c.name.rfind("sensor_", 0) == 0;
+  return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < seen;
+}
+
 // Something is left: which effects take it away?
-Verdict trace(Diagnosis& d, Answer& a, Search& search, const Options& options, Laps& lap) {
+Verdict trace(Diagnosis& d, const Question& q, Answer& a, Search& search, const Options& options, Laps& lap) {
   a.chosen = search.run([&](double f) {
     if (options.progress) options.progress(f, "tracing the residual");
   });
@@ -51,7 +60,20 @@ Verdict trace(Diagnosis& d, Answer& a, Search& search, const Options& options, L
                       " % of what refitting alone leaves: the law found, or the model's steps, are not exactly the "
                       "machine's.");
   }
-  if (!explained) return Verdict::unexplained;
+  const auto take = [&](const Trial& force) {
+    a.chosen = force;
+    a.after = search.gate(force.fit);
+    a.swaps.clear();
+    a.intervals = {search.size_of_force(force)};
+  };
+  if (!explained) {
+    search.ask(q.repeating);
+    const Trial* force = search.force();
+    lap("asking for a force that repeats with the cycle");
+    if (force == nullptr) return Verdict::unexplained;
+    take(*force);
+    return Verdict::effect_found;
+  }
   if (a.chosen.effects.empty()) return Verdict::parameters_only;
   const auto sure = [&] {  // true: a better fit was found on the way
     const double before = a.chosen.fit.cost();
@@ -66,8 +88,18 @@ Verdict trace(Diagnosis& d, Answer& a, Search& search, const Options& options, L
     }
     a.after = search.gate(a.chosen.fit);
   }
+  if (a.chosen.effects.size() == 1) {
+    const auto swaps = search.swap_for_force(a.chosen, q.repeating);
+    a.swaps.insert(a.swaps.end(), swaps.begin(), swaps.end());
+    const Trial* force = search.force();
+    if (force != nullptr && force->bic < a.chosen.bic - no_telling) take(*force);
+  }
   lap("how sure it is");
   return Verdict::effect_found;
+}
+
+bool is_repeating_force(const Machine& m, const std::vector<int>& effects) {
+  return effects.size() == 2 && !m.coefficients[static_cast<std::size_t>(effects[1])].sine_of.empty();
 }
 
 // What was held out, predicted. Where the machine wanders, what it does next is no repeat of what was fitted, and
@@ -87,7 +119,10 @@ Verdict predict_held_out(Diagnosis& d, const Question& q, Answer& a, Verdict v) 
       !(a.held_refit.chi2 < q.predict(q.test, q.declared).chi2))
     v = Verdict::no_discrepancy;
   const double n = expected_chi2(q.p, q.test);
-  if (v == Verdict::effect_found && q.data.wandering && !(a.held_after.chi2 - n < 0.5 * (a.held_refit.chi2 - n))) {
+  const bool follows = q.data.wandering ? a.held_after.chi2 - n < 0.5 * (a.held_refit.chi2 - n)
+                                        : !is_repeating_force(q.machine, a.chosen.effects) ||
+                                              a.held_after.chi2 < a.held_refit.chi2 - no_telling;
+  if (v == Verdict::effect_found && !follows) {
     v = Verdict::unexplained;
     a.held_after = a.held_refit;
     d.notes.push_back("The record tempts to name " + listed(names_of(q.machine, a.chosen.effects)) +
@@ -104,9 +139,14 @@ Verdict compare_rivals(Diagnosis& d, const Question& q, Answer& a, const Search&
     if (set == chosen || t.bic > a.chosen.bic + 4.0 * no_telling) continue;
     if (std::includes(set.begin(), set.end(), chosen.begin(), chosen.end())) continue;  // it and one too many
     d.rivals.push_back({names_of(q.machine, set), t.bic - a.chosen.bic});
-    if (t.bic > a.chosen.bic + no_telling) continue;
+    // A force of two coefficients is no less likely a cause than a law of one.
+    const bool force = is_repeating_force(q.machine, set);
+    const double behind = force && chosen.size() == 1 ? t.fit.cost() - a.chosen.fit.cost() : t.bic - a.chosen.bic;
+    if (behind > no_telling) continue;
+    const bool for_force = set.size() == 1 && is_repeating_force(q.machine, chosen);
+    const auto swap = force || for_force ? std::pair(chosen[0], set[0]) : swapped(chosen, set);
     bool twins = false;
-    if (const auto swap = swapped(chosen, set)) {
+    if (swap) {
       a.ties.push_back(*swap);
       twins = std::any_of(a.swaps.begin(), a.swaps.end(), [&](const Search::Swap& s) {
         return s.from == swap->first && s.to == swap->second && std::abs(s.cosine) > 0.98;
@@ -118,19 +158,15 @@ Verdict compare_rivals(Diagnosis& d, const Question& q, Answer& a, const Search&
   return v;
 }
 
-// What acts within the machine changes its response to stimuli too; a sensor need not.
+// What only the mean cycle shows, and hardly its shape, may be anything that repeats with it.
 Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const Search& search) {
-  constexpr double seen = 2.0;     // [-] standard errors
-  constexpr double shaped = 15.0;  // [-] of them: from here the mean cycle's shape tells a law from another force
   for (std::size_t i = 0; i < a.chosen.effects.size(); ++i) {
     const int e = a.chosen.effects[i];
     const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(e)];
     const double off = std::abs(a.chosen.fit.values[static_cast<std::size_t>(e)] - c.nominal);
+    if (!c.candidate || off > shaped * a.intervals[i].sigma || !only_mean_cycle_shows(q, search, a.chosen, e)) continue;
     const std::string effect = name_of(q.machine, e);
-    const bool of_sensor = effect.rfind("sensor_", 0) == 0;
-    if (q.data.sections == 0 || of_sensor || !c.candidate || off > shaped * a.intervals[i].sigma) continue;
     const double z = search.beyond_mean_cycle(a.chosen, e);
-    if (!(z < seen)) continue;
     a.in_mean_cycle.push_back(e);
     d.notes.push_back("The response to stimuli shows " + effect + " by " + text(z, "%.1f") +
                       " standard errors only, the rest is seen in the mean cycle: a force that repeats with the cycle "
@@ -175,7 +211,7 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   d.views_refit = a.before.views;
 
   const bool nothing_left = a.before.passes() && !search.strayed();
-  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, a, search, options, lap);
+  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, q, a, search, options, lap);
   progress(0.8, "predicting what was held out");
   d.verdict = predict_held_out(d, q, a, d.verdict);
   for (const Search::Swap& s : a.swaps) {

@@ -17,6 +17,9 @@ namespace saltus::diagnosis {
 
 inline constexpr double no_telling = 6.0;  // [-] of BIC, between two sets of effects
 
+// [-] standard errors: from here the shape of the mean cycle alone tells one force from others.
+inline constexpr double shaped = 15.0;
+
 enum class Verdict { effect_found, no_discrepancy, parameters_only, ambiguous, unexplained };
 std::string name(Verdict v);
 
@@ -41,9 +44,10 @@ void declare(Machine& machine, const Options& options);
 
 struct Finding {
   std::string name, unit;
-  double value = 0.0, low = 0.0, high = 0.0;  // estimate and 95 % interval
-  double declared = 0.0;                      // of an effect nobody declared 0
-  double z = 0.0;                             // from there, in standard errors
+  double value = 0.0, low = 0.0, high = 0.0;                // estimate and 95 % interval
+  double declared = 0.0;                                    // of an effect nobody declared 0
+  double z = 0.0;                                           // from there, in standard errors
+  double phase = std::numeric_limits<double>::quiet_NaN();  // [turn] where a force that repeats with it is largest
   std::vector<std::string> ties;
 };
 

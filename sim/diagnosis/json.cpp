@@ -88,6 +88,7 @@ nlohmann::json to_json(const Diagnosis& d) {
                             {"declared", f.declared},
                             {"z", f.z},
                             {"ties", f.ties}});
+    if (std::isfinite(f.phase)) j["effects"].back()["phase"] = f.phase;
   }
   j["parameters"] = json::array();
   for (const ParameterRow& p : d.parameters) {

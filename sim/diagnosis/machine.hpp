@@ -23,6 +23,7 @@ struct Coefficient {
   double probe = 0.0;         // > 0: no derivative at zero; its signature is the secant to this value
   bool shifts_time = false;   // a delay or a lag: never below zero, of some fraction of a cycle at most
   std::string profile_of;     // a knot of a force profile at this port; not a cause
+  std::string sine_of;        // the other coefficient of a force that repeats with the cycle, along the clock's cosine
   std::string refines;        // the candidate it is a refinement of, empty where none
   int physical_sum = 0;       // +1: only positive values of it and what it refines together make sense
   double uncertainty = -1.0;  // [-] standard deviation over the nominal value where nobody says; below zero: the usual

@@ -11,7 +11,9 @@ std::string name_of(const Machine& m, int coefficient) {
 
 std::vector<std::string> names_of(const Machine& m, const std::vector<int>& coefficients) {
   std::vector<std::string> r;
-  for (const int c : coefficients) r.push_back(name_of(m, c));
+  for (const int c : coefficients) {
+    if (m.coefficients[static_cast<std::size_t>(c)].sine_of.empty()) r.push_back(name_of(m, c));
+  }
   return r;
 }
 

@@ -16,8 +16,8 @@ std::unique_ptr<Machine> compass_gait_robot_machine();
 std::unique_ptr<Machine> compass_gait_robot_walker();
 std::unique_ptr<Machine> compass_gait_walker();
 
-// The machine of that name, paced by itself, with its own impacts where it has any, so that it runs on from step to step;
-// null where there is none.
+// The machine of that name, paced by itself, with its own impacts where it has any, so that it runs on from step to
+// step; null where there is none.
 std::unique_ptr<Machine> make_walker(const std::string& model);
 
 }  // namespace saltus::diagnosis

@@ -55,7 +55,8 @@ class ModelMachine final : public Machine {
     has_clock = clocked<M>;
     in_steps = requires { decltype(M{}.model)::in_steps; };
     const auto add = [&](std::string label, std::string_view unit, double value, bool candidate) -> Coefficient& {
-      coefficients.push_back({std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, 0, -1.0});
+      coefficients.push_back(
+          {std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, {}, 0, -1.0});
       return coefficients.back();
     };
     visit_parameters(nominal, [&](auto label, auto unit, double value) {
@@ -158,17 +159,24 @@ class ModelMachine final : public Machine {
   template <class E, class Add>
   void add_effect(const E& e, Add& add) {
     int place = 0;
+    std::string first;
     saltus::visit_parameters(e, [&](auto, auto unit, double) {
       std::string label = effect_name(e);
       if (place++ > 0) {
         label += '/';
         label += std::to_string(place);
+      } else {
+        first = label;
       }
       Coefficient& c = add(label, unit, 0.0, true);
       if constexpr (requires { E::physical; }) c.physical = E::physical;
       if constexpr (requires { E::profile; }) {
         c.candidate = false;
         c.profile_of = label.substr(label.find('@') + 1, label.find('/') - label.find('@') - 1);
+      }
+      if constexpr (requires { E::last_resort; }) {
+        c.candidate = false;
+        if (place > 1) c.sine_of = first;
       }
       if constexpr (requires { E::refines; }) {
         c.refines = "coulomb_friction";

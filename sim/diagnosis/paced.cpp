@@ -112,7 +112,14 @@ Question::Question(const Record& record, const Machine& m, const Options& option
     if ((effect || exact) && wanted(options.candidates, name_of(machine, static_cast<int>(i))))
       candidates.push_back(static_cast<int>(i));
   }
-  if (!options.candidates.empty() && candidates.empty()) {
+  for (std::size_t i = 0; i < machine.coefficients.size(); ++i) {
+    const std::string& cosine = machine.coefficients[i].sine_of;
+    if (cosine.empty() || !wanted(options.candidates, cosine)) continue;
+    const auto first = std::find_if(machine.coefficients.begin(), machine.coefficients.end(),
+                                    [&](const Coefficient& c) { return c.name == cosine; });
+    repeating.push_back({static_cast<int>(first - machine.coefficients.begin()), static_cast<int>(i)});
+  }
+  if (!options.candidates.empty() && candidates.empty() && repeating.empty()) {
     throw RecordError(record.name, "no candidate has the name " + listed(options.candidates),
                       "leave --candidates out to see them all");
   }

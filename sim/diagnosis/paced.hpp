@@ -19,9 +19,10 @@ struct Question {
   const Machine& machine;
   Data data;
   Problem p;
-  std::vector<int> all, train, test;  // segments
-  std::vector<int> candidates;        // coefficients
-  Fit declared;                       // declared values, starts fitted
+  std::vector<int> all, train, test;         // segments
+  std::vector<int> candidates;               // coefficients
+  std::vector<Search::Repeating> repeating;  // forces, asked when none of those is it
+  Fit declared;                              // declared values, starts fitted
 
   // Is there a part that is held out, and one to fit?
   bool split() const { return !test.empty() && !train.empty(); }

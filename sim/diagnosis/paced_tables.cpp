@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "../format.hpp"
 #include "paced.hpp"
@@ -42,11 +43,19 @@ void list_findings(Diagnosis& d, const Question& q, const Answer& a) {
   for (std::size_t i = 0; i < a.chosen.effects.size() && d.verdict != Verdict::unexplained; ++i) {
     const int c = a.chosen.effects[i];
     const Coefficient& k = q.machine.coefficients[static_cast<std::size_t>(c)];
+    if (!k.sine_of.empty()) continue;  // told with the cosine
     const Search::Interval& interval = a.intervals[i];
     Finding f;
     f.name = name_of(q.machine, c);
     f.unit = k.unit;
     f.value = a.chosen.fit.values[static_cast<std::size_t>(c)];
+    for (const int other : a.chosen.effects) {
+      if (q.machine.coefficients[static_cast<std::size_t>(other)].sine_of != f.name) continue;
+      const double sine = a.chosen.fit.values[static_cast<std::size_t>(other)];
+      f.phase = std::atan2(sine, f.value) / (2.0 * std::numbers::pi);
+      f.phase -= std::floor(f.phase);
+      f.value = std::hypot(f.value, sine);
+    }
     f.low = interval.low;
     f.high = interval.high;
     f.declared = k.nominal;
@@ -169,6 +178,19 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
     }
     if (row.remark.empty() && fitted && !std::isfinite(t->second.bic)) row.remark = "fitted, it leaves no less";
     d.candidates.push_back(std::move(row));
+  }
+  for (const Search::Repeating& r : search.asked()) {
+    const Coefficient& own = q.machine.coefficients[static_cast<std::size_t>(r.cosine)];
+    const double limit = r.z > 0.0 ? search.limit_z() * r.size / r.z : 0.0;
+    CandidateRow row{own.name, own.unit, r.z, r.size, nan, nan, r.kept, limit, {}, "asked when no law explained all"};
+    const auto t = search.pool().find(with({r.cosine}, r.sine));
+    if (t != search.pool().end() && std::isfinite(t->second.bic)) {
+      row.bic = t->second.bic - search.base().bic;
+      row.value = std::hypot(t->second.fit.values[static_cast<std::size_t>(r.cosine)],
+                             t->second.fit.values[static_cast<std::size_t>(r.sine)]);
+    }
+    d.candidates.push_back(std::move(row));
+    ++d.tried;
   }
   std::sort(d.candidates.begin(), d.candidates.end(), [](const CandidateRow& x, const CandidateRow& y) {
     const bool seen = x.limit > 0.0, other_seen = y.limit > 0.0;

@@ -58,6 +58,21 @@ class Search {
   };
   std::vector<Interval> intervals(Trial& t);
 
+  // A force that repeats with the cycle, by its coefficients along the cosine and the sine of the clock's angle.
+  struct Repeating {
+    int cosine = -1, sine = -1;
+    // At the baseline, to first order: [-] by how much it is off, [unit of the force], [-] share of its signature kept.
+    double z = 0.0, size = 0.0, kept = 0.0;
+  };
+  // Asked when no law explains the record: fits those that may. What was asked is kept.
+  void ask(const std::vector<Repeating>& forces);
+  // Fits one in the place of a trial's only effect, where it does nearly the same.
+  std::vector<Swap> swap_for_force(const Trial& t, const std::vector<Repeating>& forces);
+  // The best of those fitted, if it leaves nothing but noise; else null.
+  const Trial* force() const;
+  const std::vector<Repeating>& asked() const { return asked_; }
+  Interval size_of_force(const Trial& t) const;  // of the only one a trial has
+
   // The best single effect that leaves a trifle, far below both the noise and what it explains: with enough data every
   // law is seen to be off. Null where there is none.
   const Trial* leaving_a_trifle() const;
@@ -103,6 +118,7 @@ class Search {
   double cost_on(const std::vector<int>& segments, const Fit& f) const;
   bool far_behind(const Fit& f, const std::vector<int>& segments) const;
   void fit_likely_pairs();
+  void fit_force(const Repeating& r, Fit f, const Eigen::Vector2d& force);
   void beside(const std::vector<int>& set);
   const Trial& store(Trial t);
   Gate look(const Fit& f) const;    // a gate's views alone
@@ -123,6 +139,8 @@ class Search {
   Gate base_gate_;
   Fit declared_;  // declared values, with the starts that go with them
   std::map<std::vector<int>, Trial> pool_;
+  std::vector<Repeating> asked_;
+  std::set<std::vector<int>> forces_;   // sets fitted that are such a force
   std::set<std::vector<int>> retried_;  // fitted once more from a twin
   // Signatures are most of the work, and asked for more than once at the same fit.
   struct Known {

@@ -9,8 +9,8 @@ namespace saltus::diagnosis {
 // the declared model has no orbit to compare with.
 void guess_starts(const Problem& p, Data& data, const std::string& record);
 
-// Starts every segment where a machine of these values would be had only the segment's own history disturbed it: after a
-// change that moves the orbit far, or to another gait. False, and nothing changed, where it has no orbit.
+// Starts every segment where a machine of these values would be had only the segment's own history disturbed it: after
+// a change that moves the orbit far, or to another gait. False, and nothing changed, where it has no orbit.
 bool settle_starts(const Problem& p, Fit& f);
 
 // The longest step whose error no measurement of the record would notice.

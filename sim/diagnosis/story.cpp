@@ -45,8 +45,9 @@ void tell(Diagnosis& d) {
   for (const Finding& f : d.effects) {
     const std::string tie = listed(f.ties);
     const std::string from = f.declared == 0.0 ? "" : format(" from the declared %.4g", f.declared);
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s%s.", f.name.c_str(), f.value,
-                       f.unit.c_str(), f.low, f.high, std::abs(f.z), from.c_str(),
+    const std::string peak = std::isfinite(f.phase) ? format(", largest at %.2f of the cycle", f.phase) : "";
+    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s%s%s.", f.name.c_str(), f.value,
+                       f.unit.c_str(), f.low, f.high, std::abs(f.z), from.c_str(), peak.c_str(),
                        tie.empty() ? "" : "; could as well be ", tie.c_str()));
   }
   if (d.verdict == Verdict::parameters_only) {

@@ -41,8 +41,8 @@ struct LawsAt {
   using always = List<Viscous<P, S>, Quadratic<P, S>, Coulomb<P, S>, AsymmetricCoulomb<P, S>, ConstantForce<P, S>>;
   using cubic = std::conditional_t<(Internal<P> || Rotary<P>)&&!Turning<P>, List<Cubic<P, S>>, List<>>;
   using joint = std::conditional_t<Rotary<P>, List<Stribeck<P, S>>, List<>>;
-  using picture = std::conditional_t<Clocked, List<ForceProfile<P, S>>, List<>>;
-  using type = typename Joined<always, cubic, joint, picture>::type;
+  using repeating = std::conditional_t<Clocked, List<PeriodicForce<P, S>, ForceProfile<P, S>>, List<>>;
+  using type = typename Joined<always, cubic, joint, repeating>::type;
 };
 
 template <class M, class Ports, class Edges, class Own>
@@ -50,7 +50,8 @@ struct Gather;
 template <class M, class... Ps, class... Es, class Own>
 struct Gather<M, List<Ps...>, List<Es...>, Own> {
   using S = ScalarOf<M>;
-  using type = typename Joined<List<>, typename LawsAt<Ps, S, clocked<M>>::type..., List<GuardOffset<Es, S>...>, Own>::type;
+  using type =
+      typename Joined<List<>, typename LawsAt<Ps, S, clocked<M>>::type..., List<GuardOffset<Es, S>...>, Own>::type;
 };
 
 template <class M, class L>
@@ -63,7 +64,8 @@ struct WithList<M, List<Es...>> {
 }  // namespace effects
 
 template <class M>
-using Candidates = typename effects::Gather<M, typename PortsOf<M>::type, typename effects::OffsetEdgesOf<M>::type, typename OwnEffects<M>::type>::type;
+using Candidates = typename effects::Gather<M, typename PortsOf<M>::type, typename effects::OffsetEdgesOf<M>::type,
+                                            typename OwnEffects<M>::type>::type;
 
 // The model with every candidate added, all of them zero: the model itself, but ready to be asked what it lacks.
 template <class M>

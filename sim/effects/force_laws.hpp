@@ -116,6 +116,21 @@ struct ConstantForce {
   S force(P, const S&, const S&) const noexcept { return F; }
 };
 
+// C cos(clock) + D sin(clock): one that repeats with the cycle. It moves the mean cycle and hardly the response to
+// stimuli, where almost any law could be mistaken for it; so it is asked last, when no law explains a record.
+template <class P, class S = double>
+struct PeriodicForce {
+  static constexpr std::string_view law = "periodic_force";
+  static constexpr bool last_resort = true;
+  S C = 0.0;  // [N] along the cosine of the clock's angle
+  S D = 0.0;  // [N] along its sine
+  static constexpr auto parameters() {
+    return std::array{Parameter{"C", Rotary<P> ? "N m" : "N", &PeriodicForce::C},
+                      Parameter{"D", Rotary<P> ? "N m" : "N", &PeriodicForce::D}};
+  }
+  S force(P, const S&, const S&, const S& clock) const noexcept { return C * cos(clock) + D * sin(clock); }
+};
+
 // Any force over the turn of the clock, linear between `knots` equidistant phases. Not a cause but a picture: it shows
 // where in the stride a force is missing, and `profile` keeps it out of the list of causes.
 template <class P, class S = double>

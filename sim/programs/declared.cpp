@@ -1,9 +1,11 @@
 #include "declared.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <numbers>
 
 #include "program.hpp"
 
@@ -31,7 +33,11 @@ std::vector<Setting> carried(const std::string& path, const diagnosis::Machine& 
   for (const auto& e : j["effects"]) {
     const auto name = e.value("name", std::string());
     if (here(name) && e.contains("value") && e["value"].is_number()) {
-      r.push_back({name, e["value"].get<double>()});
+      const double value = e["value"].get<double>(), angle = 2.0 * std::numbers::pi * e.value("phase", 0.0);
+      r.push_back({name, value * std::cos(angle)});
+      for (const auto& c : own.coefficients) {
+        if (c.sine_of == name) r.push_back({c.name, value * std::sin(angle)});
+      }
     } else {
       missing += (missing.empty() ? "" : ", ") + name;
     }
@@ -56,7 +62,7 @@ double declared_value(const diagnosis::Machine& m, const std::string& name, cons
   std::string names;
   for (std::size_t i = 0; i < m.coefficients.size(); ++i) {
     const auto& c = m.coefficients[i];
-    if (c.name == name && (effects || !c.candidate) && c.profile_of.empty()) return c.nominal;
+    if (c.name == name && (effects || i < m.declared) && c.profile_of.empty()) return c.nominal;
     if (!c.candidate && i < m.declared) names += (names.empty() ? "" : ", ") + c.name;
   }
   throw UsageError(option + ": " + m.name + " has no parameter " + (effects ? "or effect " : "") + "'" + name +

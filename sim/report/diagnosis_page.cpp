@@ -264,7 +264,8 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   for (const Finding& f : d.effects) {
     h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + " " + escaped(f.unit) +
          "</span><br>95 % between " + number(f.low) + " and " + number(f.high) + ", " + number(std::abs(f.z), "%.0f") +
-         " standard errors" + (f.declared == 0.0 ? "" : " from the declared " + number(f.declared));
+         " standard errors" + (f.declared == 0.0 ? "" : " from the declared " + number(f.declared)) +
+         (std::isfinite(f.phase) ? ", largest at " + number(f.phase, "%.2f") + " of the cycle" : "");
     for (std::size_t i = 0; i < f.ties.size(); ++i) h += (i == 0 ? "; could as well be " : ", ") + escaped(f.ties[i]);
     h += "<br>\n";
   }

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "sim/diagnosis/diagnosis.hpp"
 #include "sim/diagnosis/json.hpp"
@@ -158,6 +159,43 @@ TEST_CASE("what only the mean cycle shows could be any force that repeats with i
   REQUIRE(unmoved.effects.size() == 1);
   CHECK(unmoved.effects[0].ties.back() == "periodic_force");
   CHECK(unmoved.separate.find("times the amplitude") != std::string::npos);
+}
+
+TEST_CASE("a force that repeats with the cycle is found with its phase, or tied with what is nearly one",
+          "[diagnose]") {
+  const double size = 0.6, phase = 0.1, angle = 2.0 * std::numbers::pi * phase;
+  Options o;
+  o.candidates = {"clock_offset", "viscous_drag", "quadratic_drag", "input_delay", "periodic_force"};
+  int alone = 0, held = 0;
+  for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+    CAPTURE(seed);
+    const Diagnosis d = judged(
+        made({{"periodic_force@body", size * std::cos(angle)}, {"periodic_force@body/2", size * std::sin(angle)}}, seed,
+             longer_campaign()),
+        o);
+    REQUIRE(d.effects.size() == 1);
+    const Finding& f = d.effects[0];
+    if (f.name != "periodic_force@body") {  // another phase of the clock moves the cycle much the same
+      CHECK(f.name == "clock_offset");
+      CHECK(std::count(f.ties.begin(), f.ties.end(), "periodic_force@body") == 1);
+      continue;
+    }
+    ++alone;
+    held += f.low < size && size < f.high;
+    const bool tied = std::count(f.ties.begin(), f.ties.end(), "clock_offset") == 1;
+    CHECK(d.verdict == (tied ? Verdict::ambiguous : Verdict::effect_found));
+    CHECK(f.unit == "N");
+    CHECK(std::abs(f.phase - phase) < 0.03);
+    CHECK(d.heldout.after < 1.02);
+  }
+  CHECK(alone >= 3);
+  CHECK(held >= alone - 1);
+}
+
+TEST_CASE("a bump of force that repeats with the cycle is no cosine", "[diagnose]") {
+  const Diagnosis d = judged(made({{"force_profile@body/5", 0.6}}, 1, longer_campaign()));
+  CHECK(d.verdict == Verdict::unexplained);
+  CHECK(d.effects.empty());
 }
 
 TEST_CASE("noise as slow as the motion is no correction of a parameter", "[diagnose]") {
