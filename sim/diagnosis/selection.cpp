@@ -13,11 +13,15 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr std::size_t most_effects = 4;
-constexpr double worth_asking = 24.0;   // [-] BIC above the result: what a rival predicts
-constexpr double much_better = 0.75;    // [-] of the error before
-constexpr double enough_better = 0.93;  // [-] of the error before: an effect that predicts hardly better is not claimed
-constexpr double noise_like = 1.2;      // [-] of the sensors' noise
-constexpr double nearly_white = 1.15;   // [-] samples to an independent number
+constexpr double worth_asking = 24.0;  // [-] BIC above the result: what a rival predicts
+constexpr double much_better = 0.75;   // [-] of the error before
+// An effect that predicts hardly better is not claimed: [-] of the error before. What dissipates is in every machine;
+// where the model errs by more than noise anything else may make up for what no law does, a sensor's most easily.
+constexpr double enough_better = 0.93;
+constexpr double enough_else = 0.8;
+constexpr double enough_of_sensor = 0.7;
+constexpr double noise_like = 1.2;     // [-] of the sensors' noise
+constexpr double nearly_white = 1.15;  // [-] samples to an independent number
 
 // Mean square of the residual in units of the sensors' noise, and in how many independent numbers it comes: the sum of
 // its correlation up to where that vanishes says how many samples make one. One scale for all outputs: what is left is
@@ -196,7 +200,10 @@ bool Selection::convincing(const Trial1& t) const {
   const bool everywhere = t.better == t.parts;
   const bool plain = t.predicted < much_better && everywhere;  // every part says so, and loudly
   // Where noise is nearly all there is, an error cannot fall by much; but there likelihoods are what they claim to be.
-  const bool enough = t.predicted < (t.quiet && everywhere ? 1.0 : enough_better);
+  const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(t.effect)];
+  const bool dissipates = c.physical > 0 && !c.shifts_time;
+  const double less = c.name.starts_with("sensor_") ? enough_of_sensor : dissipates ? enough_better : enough_else;
+  const bool enough = t.predicted < (t.quiet ? 1.0 : less);
   return t.gain > bar(plain ? 0 : t.beside.size()) && enough && 2 * t.better > t.parts;
 }
 
@@ -256,6 +263,7 @@ const Attempt& Selection::run(const std::function<void(double)>& progress, const
     }
     // Two effects may hide each other: neither alone predicts, but each does beside the other.
     for (std::size_t i = 0; i < best.size() && !added && size == 0; ++i) added = take_pair(best[i]);
+    if (!added && result_.size() == 1) added = take_pair_instead();
     if (!added) break;
     reweigh();
     // What the new one makes superfluous goes.
@@ -332,6 +340,71 @@ bool Selection::take_pair(int first) {
   account_.push_back(b);
   if (a.taken) result_ = both.effects;
   return a.taken;
+}
+
+bool Selection::take_pair_instead() {
+  constexpr std::size_t most = 3;
+  const Attempt one = result();
+  const int single = one.effects[0];
+  const auto nominal = [&](int c) { return p_.machine->coefficients[static_cast<std::size_t>(c)].nominal; };
+  Fit without_it = one.fit;
+  without_it.free.erase(std::remove(without_it.free.begin(), without_it.free.end(), single), without_it.free.end());
+  data_.noise = one.noise;
+  const Evidence e = evidence(p_, segments_, without_it, candidates_);
+  const auto own = e.find(single);
+  if (own < 0 || !(e.error[own] > 0.0)) return false;
+  const double size = one.fit.values[static_cast<std::size_t>(single)] - nominal(single);
+  // To first order, with the single one gone: what it does is left to others.
+  const Eigen::VectorXd score = e.score + size * e.information.col(own);
+  const double gain_of_one = score[own] * score[own] / e.information(own, own);
+  struct Pair {
+    int i, j;
+    Eigen::Vector2d value;
+    double gain;
+  };
+  std::vector<Pair> pairs;
+  for (std::size_t i = 0; i < e.candidate.size(); ++i) {
+    for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
+      const auto a = static_cast<Eigen::Index>(i), b = static_cast<Eigen::Index>(j);
+      const int first = e.candidate[i], second = e.candidate[j];
+      if (a == own || b == own || !(e.error[a] > 0.0) || !(e.error[b] > 0.0) || std::abs(e.cosine(a, b)) > 0.98)
+        continue;
+      if (!refinable({second}, first) || !refinable({first}, second)) continue;
+      Eigen::Matrix2d I;
+      I << e.information(a, a), e.information(a, b), e.information(b, a), e.information(b, b);
+      const Eigen::Vector2d s(score[a], score[b]), value = I.inverse() * s;
+      if (!may_change(*p_.machine, first, value[0]) || !may_change(*p_.machine, second, value[1])) continue;
+      const double gain = s.dot(value);
+      if (gain > gain_of_one + bar(1)) pairs.push_back({first, second, value, gain});
+    }
+  }
+  std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.gain > y.gain; });
+  if (pairs.size() > most) pairs.resize(most);
+  for (const Pair& q : pairs) {
+    Fit f = one.fit;
+    f.values[static_cast<std::size_t>(single)] = nominal(single);
+    f.values[static_cast<std::size_t>(q.i)] = nominal(q.i) + q.value[0];
+    f.values[static_cast<std::size_t>(q.j)] = nominal(q.j) + q.value[1];
+    const Attempt both = attempt(with({q.i}, q.j), f, one.noise);
+    if (cost(one, both) - cost(both, both) < bar(1)) continue;
+    Trial1 better = examine(both, one, q.i);
+    if (!convincing(better)) continue;
+    // Each beside the other.
+    const auto alone = [&](int kept, int gone) {
+      Fit g = both.fit;
+      g.values[static_cast<std::size_t>(gone)] = nominal(gone);
+      return attempt({kept}, g, both.noise);
+    };
+    Trial1 a = examine(both, alone(q.j, q.i), q.i), b = examine(both, alone(q.i, q.j), q.j);
+    a.taken = b.taken = convincing(a) && convincing(b);
+    if (!a.taken) continue;
+    retract(single);
+    account_.push_back(a);
+    account_.push_back(b);
+    result_ = both.effects;
+    return true;
+  }
+  return false;
 }
 
 void Selection::retract(int effect) {

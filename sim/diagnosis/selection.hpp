@@ -94,6 +94,9 @@ class Selection {
   const std::vector<double>& left_out(const Attempt& a);
   // Takes an effect together with what looks best beside it, where each convinces beside the other.
   bool take_pair(int first);
+  // Exchanges the only effect found for two others, where those are far likelier: one law may be all that a linear look
+  // sees of two that differ from it either way, and beside it neither helps.
+  bool take_pair_instead();
   // Exchanges the effect just taken beside `current` for one of others that is nearly as likely and runs free better.
   void prefer_by_free_runs(const FreeRunRatio& free_run, const Attempt& current, const std::vector<int>& others);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);

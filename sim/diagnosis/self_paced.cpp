@@ -106,9 +106,9 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
                           " over the held-out part worse, and those of no output better by as much.");
     }
     const bool predicted = told && any && !worse;
-    const double enough = d.heldout.after < quiet_enough ? 1.0 : 0.97;  // where noise is nearly all there is
-    const bool improves = w.test.empty() || predicted || (ratio < enough && !worse);
-    d.verdict = improves || (ratio < 1.5 && !worse) ? Verdict::effect_found : Verdict::unexplained;
+    const double enough = d.heldout.after < quiet_enough ? 1.02 : 0.97;  // where noise is nearly all there is
+    const bool improves = w.test.empty() || (predicted && ratio < no_worse) || (ratio < enough && !worse);
+    d.verdict = improves ? Verdict::effect_found : Verdict::unexplained;
     if (!improves && !worse)
       d.notes.push_back("On the held-out part what was found does not help: error " + text(d.heldout.refit) +
                         " refitted, " + text(d.heldout.after) + " with it, in units of the noise." + outside(w));
@@ -152,9 +152,8 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
   std::sort(d.rivals.begin(), d.rivals.end(), [](const Rival& a, const Rival& b) { return a.bic < b.bic; });
 }
 
-}  // namespace
-
-Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options) {
+// `length`: of the stretches [s], 0: chosen by the record.
+Diagnosis look(const Record& record, const Machine& machine, const Options& options, double length) {
   Diagnosis d;
   Laps lap(d);
   const auto progress = [&](double fraction, const char* what) {
@@ -163,8 +162,7 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   d.record = record.name;
   d.model = machine.name;
   d.experiments = static_cast<int>(experiments(record).size());
-  declare(machine, options);
-  Work w = lay_out(record, machine, options, d);
+  Work w = lay_out(record, machine, options, length, d);
   Data& data = w.s.data;
   const Problem& p = w.p;
   std::vector<int> candidates;
@@ -295,6 +293,41 @@ Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Opti
   d.notes.insert(d.notes.end(), data.notes.begin(), data.notes.end());
   tell_self_paced(d);
   progress(1.0, "done");
+  return d;
+}
+
+}  // namespace
+
+// Whether one of two diagnoses that name the same effects, or none, is the surer of them.
+bool surer(const Diagnosis& one, const Diagnosis& other) {
+  if (one.effects.size() != other.effects.size()) return false;
+  double narrower = 0.0;
+  for (const Finding& f : one.effects) {
+    const auto same = std::find_if(other.effects.begin(), other.effects.end(), [&](const Finding& o) {
+      return o.name == f.name || std::count(o.ties.begin(), o.ties.end(), f.name) > 0;
+    });
+    if (same == other.effects.end()) return false;
+    narrower += std::log((same->high - same->low) / (f.high - f.low));
+  }
+  return narrower > 0.0;
+}
+
+// Where nothing but noise is left a longer stretch, whose start is one unknown as well, tells more: what a law does
+// adds up along it. Where the model itself errs, that adds up too, and short stretches are all that can be believed.
+Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options) {
+  constexpr int most_times = 16;
+  declare(machine, options);
+  Diagnosis d = look(record, machine, options, options.stretch);
+  if (options.stretch > 0.0 || machine.in_steps || !(d.all.after < noise_like)) return d;
+  for (int times = most_times; times > 1; times /= 4) {
+    try {
+      Diagnosis longer = look(record, machine, options, times * d.self_paced.stretch);
+      const bool held_out = std::isfinite(longer.heldout.after);
+      const bool as_good = longer.all.after < no_worse * d.all.after && longer.verdict != Verdict::unexplained;
+      if (held_out && as_good && !surer(d, longer)) return longer;
+    } catch (const RecordError&) {  // too few are that long
+    }
+  }
   return d;
 }
 

@@ -21,8 +21,9 @@ struct Work {
   double held_from = 0.0;                // [s], where one experiment is split
 };
 
-// Cuts the record, leaves out what says nothing, and holds a part out; says in `d` what it did.
-Work lay_out(const Record& record, const Machine& machine, const Options& o, Diagnosis& d);
+// Cuts the record into stretches of a length [s], 0: chosen by the record, leaves out what says nothing, and holds a
+// part out; says in `d` what it did.
+Work lay_out(const Record& record, const Machine& machine, const Options& o, double length, Diagnosis& d);
 
 // The part that each of so many stretches is left out with: quarters; of few stretches eighths at most, or so much of
 // the motion would be missing that nothing tells the effects apart.

@@ -9,6 +9,7 @@ namespace saltus::diagnosis {
 namespace {
 
 constexpr std::size_t enough_stretches = 8;
+constexpr std::size_t least_fitted = 3;
 constexpr double shortest = 0.25;  // [s] of a stretch that was not asked for
 
 }  // namespace
@@ -20,10 +21,10 @@ std::vector<int> parts_of(std::size_t stretches) {
   return r;
 }
 
-Work lay_out(const Record& record, const Machine& machine, const Options& o, Diagnosis& d) {
+Work lay_out(const Record& record, const Machine& machine, const Options& o, double length, Diagnosis& d) {
   Work w;
   Cut cut;
-  cut.length = o.stretch;
+  cut.length = length;
   cut.skip = touched(record, machine, cut);
   w.p.machine = &machine;
   w.p.data = &w.s.data;
@@ -44,7 +45,7 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
     still = standing_still(w.s);
     // A short record, or one in which little moves, is cut finer.
     const bool few = w.s.origin.size() - still.size() < enough_stretches;
-    if (!few || o.stretch > 0.0 || machine.in_steps || w.s.length < 2.0 * shortest) break;
+    if (!few || length > 0.0 || machine.in_steps || w.s.length < 2.0 * shortest) break;
     cut.length = 0.5 * w.s.length;
   }
   w.sensors = w.s.data.noise;
@@ -76,14 +77,14 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, Dia
     (out ? w.test : w.train).push_back(i);
     w.lively.push_back(i);
   }
-  if (w.train.size() < 4 && w.lively.size() >= 4) {
+  if (w.train.size() < least_fitted && w.lively.size() >= least_fitted) {
     w.train = w.lively;
     w.test.clear();
     held.clear();
     w.held_from = std::numeric_limits<double>::infinity();
   }
   d.held_out = held;
-  if (w.train.size() < 4) {
+  if (w.train.size() < least_fitted) {
     throw RecordError(record.name,
                       "only " + std::to_string(w.train.size()) + " stretches in which something moves are left to fit",
                       "record for longer, hold out less, or cut it shorter with --stretch");

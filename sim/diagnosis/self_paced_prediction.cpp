@@ -7,10 +7,33 @@
 
 namespace saltus::diagnosis {
 
+namespace {
+
+// Each from where it is, and from its own samples by these values: the declared ones may have led to a start that these
+// do not find back from.
+Fit with_best_starts(const Work& w, const std::vector<int>& segments, const Fit& values) {
+  constexpr FitOptions options{.refit_parameters = false, .iterations = 10};
+  Fit f = values;
+  for (const int k : segments) {
+    const auto at = static_cast<std::size_t>(k);
+    Fit best = fit(w.p, {k}, values, {}, options);
+    if (const auto start = start_from_data(w.p, w.s.data.segments[at], values.values)) {
+      Fit other = values;
+      other.start[at] = *start;
+      other = fit(w.p, {k}, other, {}, options);
+      if (other.chi2 < best.chi2) best = std::move(other);
+    }
+    f.start[at] = best.start[at];
+  }
+  return f;
+}
+
+}  // namespace
+
 Misfit misfit(const Work& w, const std::vector<int>& segments, const Fit& values) {
   const auto ny = w.sensors.size();
   Misfit m{0.0, 0.0, Eigen::VectorXd::Zero(ny), Eigen::VectorXd::Zero(ny)};
-  const Fit f = fit(w.p, segments, values, {}, {.refit_parameters = false, .iterations = 10});
+  const Fit f = with_best_starts(w, segments, values);
   const auto r = residuals(w.p, segments, f);
   for (const int k : segments) {
     const auto& e = r[static_cast<std::size_t>(k)];

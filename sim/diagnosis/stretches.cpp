@@ -286,28 +286,32 @@ void halve_unstable(const Problem& p, Stretches& s, const std::string& record) {
   }
 }
 
+std::optional<Start> start_from_data(const Problem& p, const Segment& s, std::span<const double> values) {
+  Start start = s.guess;
+  start.x.assign(p.machine->free_coordinates(s.guess.chart).size(), 0.0);
+  if (!start_from(p, s, values, fewest_samples, start)) return std::nullopt;
+  const std::size_t n = s.samples();
+  for (std::size_t samples = fewest_samples; samples < n;) {
+    samples = std::min(2 * samples, n);
+    Start longer = start;
+    if (!start_from(p, s, values, samples, longer)) break;
+    start = longer;
+  }
+  return start;
+}
+
 void guess_starts_from_data(const Problem& p, Data& data, const std::string& record) {
   const Machine& m = *p.machine;
   std::vector<double> values;
   for (const Coefficient& c : m.coefficients) values.push_back(c.nominal);
   for (Segment& s : data.segments) {
-    const auto coordinates = m.free_coordinates(s.guess.chart);
-    s.guess.x.assign(coordinates.size(), 0.0);
-    Start start = s.guess;
-    if (!start_from(p, s, values, fewest_samples, start)) {
+    const auto start = start_from_data(p, s, values);
+    if (!start) {
       throw RecordError(record,
                         "the declared model cannot follow the first samples at t = " + std::to_string(s.t[s.first]),
                         "check --set, the units and the model");
     }
-    // Ever longer, so that a start near an unstable rest is found.
-    const std::size_t n = s.samples();
-    for (std::size_t samples = fewest_samples; samples < n;) {
-      samples = std::min(2 * samples, n);
-      Start longer = start;
-      if (!start_from(p, s, values, samples, longer)) break;
-      start = longer;
-    }
-    s.guess = start;
+    s.guess = *start;
   }
   for (Segment& s : data.segments) {
     s.spread.clear();

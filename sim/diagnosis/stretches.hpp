@@ -2,6 +2,7 @@
 // and nothing is unknown but the start.
 #pragma once
 
+#include <optional>
 #include <span>
 
 #include "fit.hpp"
@@ -41,6 +42,9 @@ Stretches cut_into_stretches(const Record& record, const Machine& machine, const
 // The start that the first `samples` of a stretch ask for: Gauss-Newton from rest, for so short a time the outputs are
 // nearly linear in it. False where the model cannot follow.
 bool start_from(const Problem& p, const Segment& s, std::span<const double> values, std::size_t samples, Start& start);
+
+// The same from ever more samples, so that a start near an unstable rest is found; nothing where the first few fail.
+std::optional<Start> start_from_data(const Problem& p, const Segment& s, std::span<const double> values);
 
 // How much an error of the start grows within a stretch, at most, by what it moves in the outputs.
 double growth(const Problem& p, const Segment& s, std::span<const double> values, const Start& start);
