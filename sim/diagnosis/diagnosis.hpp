@@ -138,6 +138,7 @@ struct SelfPaced {
   std::vector<Trace> traces;  // of the held-out free runs
   std::vector<Step> steps;
   std::vector<bool> explained;  // (outputs) the effects made its free runs clearly better
+  bool doubt = false;           // a rival, or an effect not claimed: longer stretches may tell more
 };
 
 struct Diagnosis {

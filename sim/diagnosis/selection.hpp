@@ -32,6 +32,7 @@ struct Trial1 {
   double predicted = 0.0;     // [-] error left of that before, on parts left out of the fit: root mean square
   int better = 0, parts = 0;  // parts that were predicted better
   bool quiet = false;         // nothing but noise is left with it
+  bool trifle = false;        // it refines another law, by next to nothing
   bool taken = false;
   int instead = -1;       // of this effect, with a likelihood that is no better reason
   double free_run = 1.0;  // [-] error of free runs, over what it is with that one
@@ -101,6 +102,7 @@ class Selection {
   void prefer_by_free_runs(const FreeRunRatio& free_run, const Attempt& current, const std::vector<int>& others);
   Trial1 examine(const Attempt& with, const Attempt& without, int effect);
   double bar(std::size_t beside) const;  // [-] least gain of an effect beside so many others
+  bool refines_a_trifle(const Attempt& a, int effect) const;
   bool convincing(const Trial1& t) const;
 
   const Problem& p_;

@@ -142,6 +142,7 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
       if (std::abs(t.cosine) > 0.9) d.twins.push_back({name_of(machine, t.from), name_of(machine, t.to), t.cosine});
       std::vector<int> set;
       for (const int e : found.part.effects) set.push_back(e == t.from ? t.to : e);
+      if (t.above < 4.0 * no_telling && std::abs(t.cosine) < 0.999) d.self_paced.doubt = true;
       if (t.above < 4.0 * no_telling) d.rivals.push_back({names_of(machine, set), t.above, t.predicted});
       if (t.above > no_telling) continue;
       f.ties.push_back(name_of(machine, t.to));
@@ -189,6 +190,20 @@ Diagnosis look(const Record& record, const Machine& machine, const Options& opti
   f.refit = search.base().fit;
   f.part = search.result();
   f.ties = search.ties();
+  // Of two nearly alike the first to be tried may have been the less likely; not where free runs have decided.
+  const auto& account = search.account();
+  const auto by_free_runs = [&](int effect) {
+    return std::any_of(account.begin(), account.end(),
+                       [&](const Trial1& t) { return t.taken && t.effect == effect && t.instead >= 0; });
+  };
+  for (int round = 0; round < 3; ++round) {
+    const auto better = std::find_if(f.ties.begin(), f.ties.end(), [&](const Selection::Tie& t) {
+      return t.above < -no_telling && t.predicted < 1.0 && !by_free_runs(t.from);
+    });
+    if (better == f.ties.end()) break;
+    f.part = search.prefer(*better);
+    f.ties = search.ties();
+  }
   // Between a drag linear in speed and a quadratic one that the record cannot tell apart, the linear one.
   for (const Selection::Tie& t : f.ties) {
     const std::string law = name_of(machine, t.from), other = name_of(machine, t.to);
@@ -234,6 +249,8 @@ Diagnosis look(const Record& record, const Machine& machine, const Options& opti
                                   t.better, t.parts, t.taken,
                                   t.instead < 0 ? std::string() : name_of(machine, t.instead), t.free_run});
   }
+  const auto& steps = d.self_paced.steps;
+  d.self_paced.doubt = std::any_of(steps.begin(), steps.end(), [](const Step& s) { return !s.taken; });
   lap("estimating jointly");
 
   data.noise = w.sensors;
@@ -315,13 +332,16 @@ bool surer(const Diagnosis& one, const Diagnosis& other) {
 // Where nothing but noise is left a longer stretch, whose start is one unknown as well, tells more: what a law does
 // adds up along it. Where the model itself errs, that adds up too, and short stretches are all that can be believed.
 Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options) {
-  constexpr int most_times = 16;
+  constexpr int most_times = 16, most_looks = 2;
+  constexpr std::size_t most_rows = 16000;  // a longer record tells enough as it is, and a second look takes as long
   declare(machine, options);
   Diagnosis d = look(record, machine, options, options.stretch);
   if (options.stretch > 0.0 || machine.in_steps || !(d.all.after < noise_like)) return d;
-  for (int times = most_times; times > 1; times /= 4) {
+  if (record.rows() > most_rows || (!d.effects.empty() && !d.self_paced.doubt)) return d;
+  for (int times = most_times, looks = 0; times > 1 && looks < most_looks; times /= 2) {
     try {
       Diagnosis longer = look(record, machine, options, times * d.self_paced.stretch);
+      ++looks;
       const bool held_out = std::isfinite(longer.heldout.after);
       const bool as_good = longer.all.after < no_worse * d.all.after && longer.verdict != Verdict::unexplained;
       if (held_out && as_good && !surer(d, longer)) return longer;
