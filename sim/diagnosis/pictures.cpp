@@ -233,7 +233,9 @@ std::string separating_experiment(const Diagnosis&, const Problem& p, const std:
   }
   const std::string names = together(names_of(*p.machine, rival->effects));
   char text[400];
-  const double factor = std::sqrt(25.0 / std::max(1e-9, total));
+  constexpr double alike = 1e-4;  // [-] of squares: no experiment of this kind is ever so long
+  if (total < alike) return "No longer experiment of this kind tells it from " + names + ": both do the same in it.";
+  const double factor = std::sqrt(25.0 / total);
   if (quiet > 0.5 * total || best_f == 0.0) {
     std::snprintf(
         text, sizeof text,

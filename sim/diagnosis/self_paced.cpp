@@ -9,6 +9,7 @@
 #include "core/trace/statistics.hpp"
 #include "laps.hpp"
 #include "selection.hpp"
+#include "spikes.hpp"
 #include "story.hpp"
 
 namespace saltus::diagnosis {
@@ -75,7 +76,7 @@ double free_run_ratio(const Diagnosis& d, const Record& record, const Work& w, d
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
 void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, double gain, double false_alarm) {
   const std::vector<int>& effects = f.part.effects;
-  const bool quiet = std::sqrt(scale_refit) < noise_like;
+  const bool quiet = std::sqrt(scale_refit) < noise_like && !(d.heldout.refit > noise_like);
   d.self_paced.explained.assign(w.s.data.outputs(), false);
   if (!d.self_paced.runs.empty()) {
     const FreeRun& r = d.self_paced.runs.front();
@@ -153,8 +154,9 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
   std::sort(d.rivals.begin(), d.rivals.end(), [](const Rival& a, const Rival& b) { return a.bic < b.bic; });
 }
 
-// `length`: of the stretches [s], 0: chosen by the record.
-Diagnosis look(const Record& record, const Machine& machine, const Options& options, double length) {
+// `spikes`: how many were taken out of the record. `length`: of the stretches [s], 0: chosen by the record.
+Diagnosis look(const Record& record, std::size_t spikes, const Machine& machine, const Options& options,
+               double length) {
   Diagnosis d;
   Laps lap(d);
   const auto progress = [&](double fraction, const char* what) {
@@ -306,7 +308,11 @@ Diagnosis look(const Record& record, const Machine& machine, const Options& opti
   list_parameters(d, w, f);
   list_candidates(d, w, f);
   d.quality = data.quality;
-  if (data.quality.missing > 0) d.notes.push_back(std::to_string(data.quality.missing) + " values were missing.");
+  d.quality.outliers = spikes;
+  d.quality.missing -= std::min(d.quality.missing, spikes);
+  if (d.quality.missing > 0) d.notes.push_back(std::to_string(d.quality.missing) + " values were missing.");
+  if (spikes > 0)
+    d.notes.push_back(std::to_string(spikes) + " single values far from their neighbours were left out as outliers.");
   d.notes.insert(d.notes.end(), data.notes.begin(), data.notes.end());
   tell_self_paced(d);
   progress(1.0, "done");
@@ -331,16 +337,18 @@ bool surer(const Diagnosis& one, const Diagnosis& other) {
 
 // Where nothing but noise is left a longer stretch, whose start is one unknown as well, tells more: what a law does
 // adds up along it. Where the model itself errs, that adds up too, and short stretches are all that can be believed.
-Diagnosis diagnose_self_paced(const Record& record, Machine& machine, const Options& options) {
+Diagnosis diagnose_self_paced(const Record& measured, Machine& machine, const Options& options) {
   constexpr int most_times = 16, most_looks = 2;
   constexpr std::size_t most_rows = 16000;  // a longer record tells enough as it is, and a second look takes as long
   declare(machine, options);
-  Diagnosis d = look(record, machine, options, options.stretch);
+  Record record = measured;
+  const std::size_t spikes = take_out_spikes(record);
+  Diagnosis d = look(record, spikes, machine, options, options.stretch);
   if (options.stretch > 0.0 || machine.in_steps || !(d.all.after < noise_like)) return d;
   if (record.rows() > most_rows || (!d.effects.empty() && !d.self_paced.doubt)) return d;
   for (int times = most_times, looks = 0; times > 1 && looks < most_looks; times /= 2) {
     try {
-      Diagnosis longer = look(record, machine, options, times * d.self_paced.stretch);
+      Diagnosis longer = look(record, spikes, machine, options, times * d.self_paced.stretch);
       ++looks;
       const bool held_out = std::isfinite(longer.heldout.after);
       const bool as_good = longer.all.after < no_worse * d.all.after && longer.verdict != Verdict::unexplained;

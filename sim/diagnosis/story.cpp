@@ -23,6 +23,29 @@ std::string verdict_sentence(const Diagnosis& d) {
   return {};
 }
 
+namespace {
+
+// The parameters that moved by more than three standard errors; where many share it, the one that moved most of these.
+std::string corrections(const Diagnosis& d) {
+  constexpr double clearly = 3.0;  // [-] standard errors
+  const auto moved = [&](const ParameterRow& r) {
+    const double now = d.effects.empty() ? r.refitted : r.with_effect,
+                 error = d.effects.empty() ? r.refitted_error : r.with_effect_error;
+    return error > 0.0 ? std::abs(now - r.declared) / error : now == r.declared ? 0.0 : clearly;
+  };
+  double most = 0.0;
+  for (const ParameterRow& r : d.parameters) most = std::max(most, moved(r));
+  std::string t;
+  for (const ParameterRow& r : d.parameters) {
+    if (!(most > 0.0) || moved(r) < std::min(most, clearly)) continue;
+    const double now = d.effects.empty() ? r.refitted : r.with_effect;
+    t += format("%s%s %.6g -> %.6g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, now, r.unit.c_str());
+  }
+  return t;
+}
+
+}  // namespace
+
 void tell(Diagnosis& d) {
   auto& s = d.story;
   s.push_back(format("%s against %s: %d experiments, %d repeats, noise %s.", d.record.c_str(), d.model.c_str(),
@@ -51,13 +74,7 @@ void tell(Diagnosis& d) {
                        tie.empty() ? "" : "; could as well be ", tie.c_str()));
   }
   if (d.verdict == Verdict::parameters_only) {
-    std::string t;
-    for (const ParameterRow& r : d.parameters) {
-      if (r.tolerance > 0.0 && std::abs(r.refitted - r.declared) > 3.0 * r.refitted_error) {
-        t += format("%s%s %.5g -> %.5g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.refitted,
-                    r.unit.c_str());
-      }
-    }
+    const std::string t = corrections(d);
     if (!t.empty()) s.push_back("  Corrected: " + t + ".");
   }
   if (d.where.known) {

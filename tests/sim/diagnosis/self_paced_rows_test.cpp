@@ -1,9 +1,11 @@
 // Records that no clock paces as they come: rows lost, too short, little moving; and laws that must make sense.
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include "core/random.hpp"
 #include "sim/diagnosis/diagnosis.hpp"
+#include "sim/diagnosis/spikes.hpp"
 #include "sim/diagnosis/stretches.hpp"
 #include "sim/diagnosis/synthetic.hpp"
 #include "tests/support/catch.hpp"
@@ -89,4 +91,33 @@ TEST_CASE("dry friction and a constant torque are not called a friction that pus
   CHECK(std::isnan(value_of(d, "asymmetric_coulomb@hip")));
   const double torque = value_of(d, "constant_force@hip"), bias = value_of(d, "input_bias");
   CHECK((std::abs(torque - 0.008) < 8e-4 || std::abs(bias * 0.0182 - 0.008) < 8e-4));
+}
+
+TEST_CASE("single values far from their neighbours are left out and counted, and unsay nothing", "[self-paced]") {
+  Record r = leg({{"viscous_damper@hip", 0.0015}, {"coulomb_friction@hip", 0.006}}, 24.0, 0.0, 7);
+  std::vector<std::size_t> struck;
+  Random random(11);
+  for (std::size_t i = 60; i + 60 < r.rows(); i += 40 + static_cast<std::size_t>(40.0 * random.uniform())) {
+    r.outputs[0].values[i] += (random.uniform() < 0.5 ? -1.0 : 1.0) * (0.05 + 0.8 * random.uniform());
+    struck.push_back(i);
+  }
+  Record clean = r;
+  CHECK(take_out_spikes(clean) == struck.size());
+  for (const std::size_t i : struck) CHECK(std::isnan(clean.outputs[0].values[i]));
+  const Diagnosis d = concluded(r);
+  CHECK(d.quality.outliers == struck.size());
+  CHECK(d.quality.missing == 0);
+  CHECK(d.verdict == Verdict::effect_found);
+  CHECK(std::abs(value_of(d, "viscous_damper@hip") - 0.0015) < 3e-4);
+  CHECK(std::abs(value_of(d, "coulomb_friction@hip") - 0.006) < 6e-4);
+  CHECK(d.heldout.after < 1.1);
+}
+
+TEST_CASE("a step, a turn counted anew and an end are no spikes", "[self-paced]") {
+  Record r = leg({}, 4.0, 0.0, 3);
+  auto& y = r.outputs[0].values;
+  for (std::size_t i = 300; i < y.size(); ++i) y[i] += 1.0;
+  y[120] -= 2.0 * std::numbers::pi;
+  y.front() += 1.0;
+  CHECK(take_out_spikes(r) == 0);
 }
