@@ -1,0 +1,57 @@
+// The bouncing ball: its impacts are passed at once, so that what shifts them bends every way to the truth.
+#include <cmath>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sim/diagnosis/diagnosis.hpp"
+#include "sim/diagnosis/synthetic.hpp"
+#include "tests/support/catch.hpp"
+
+using namespace saltus;
+using namespace saltus::diagnosis;
+
+namespace {
+
+using Values = std::vector<std::pair<std::string, double>>;
+
+Campaign bounces() {
+  Campaign c;
+  c.experiments = 4;
+  c.period = 32;
+  c.amplitude = 1.5e-3;
+  c.noise = {1e-4, 1e-3};
+  return c;
+}
+
+Record bounced(const Values& truth, std::uint64_t seed, const Campaign& c = bounces()) {
+  const auto m = make_machine("bouncing_ball");
+  std::vector<double> values;
+  REQUIRE(values_with(*m, truth, values));
+  Record r = synthesise(*m, values, c, seed);
+  REQUIRE(r.rows() > 0);
+  return r;
+}
+
+Diagnosis judged(const Record& r) {
+  const auto m = make_machine("bouncing_ball");
+  return diagnose(r, *m, {});
+}
+
+// This one alone, and as large as it is.
+void found(const Diagnosis& d, const std::string& effect, double size) {
+  CAPTURE(effect, size, name(d.verdict));
+  CHECK(d.verdict == Verdict::effect_found);
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == effect);
+  const double error = (d.effects[0].high - d.effects[0].low) / 4.0;
+  CAPTURE(d.effects[0].value, error);
+  CHECK(std::abs(d.effects[0].value - size) < 4.0 * error);
+}
+
+}  // namespace
+
+TEST_CASE("a clock set off, along whose valley the declared parameters bend, is followed to its end", "[diagnose]") {
+  for (const double offset : {-0.005, -0.003, 0.008})
+    found(judged(bounced({{"clock_offset", offset}}, 31)), "clock_offset", offset);
+}
