@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "../format.hpp"
 #include "core/trace/statistics.hpp"
@@ -10,6 +11,7 @@
 #include "partly_seen.hpp"
 #include "pictures.hpp"
 #include "sets.hpp"
+#include "setup.hpp"
 #include "story.hpp"
 
 namespace saltus::diagnosis {
@@ -34,12 +36,8 @@ bool only_mean_cycle_shows(const Question& q, const Search& search, const Trial&
   return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < seen;
 }
 
-// Something is left: which effects take it away?
-Verdict trace(Diagnosis& d, const Question& q, Answer& a, Search& search, const Options& options, Laps& lap) {
-  a.chosen = search.run([&](double f) {
-    if (options.progress) options.progress(f, "tracing the residual");
-  });
-  lap("searching for effects");
+// Something is left, and `a` has what the search found: which effects take it away?
+Verdict trace(Diagnosis& d, const Question& q, Answer& a, Search& search, Laps& lap) {
   for (int round = 0; round < 3 && !a.chosen.effects.empty(); ++round) {  // a twin may turn out to be the better one
     a.swaps = search.swap_twins(a.chosen);
     const Trial& settled = search.settle();
@@ -184,7 +182,8 @@ bool parameters_alone(const Machine& machine, const std::vector<int>& effects) {
   });
 }
 
-Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Options& options, Repeats taken) {
+Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Options& options, Repeats taken,
+                         double longest_step = std::numeric_limits<double>::infinity()) {
   Diagnosis d;
   Laps lap(d);
   const auto progress = [&](double fraction, const char* what) {
@@ -193,7 +192,7 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   d.record = record.name;
   d.model = machine.name;
   d.experiments = static_cast<int>(experiments(record).size());
-  const Question q(record, machine, options, taken);
+  const Question q(record, machine, options, taken, longest_step);
   lap("reading the record");
   progress(0.02, "fitting the declared model");
 
@@ -211,7 +210,14 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   d.views_refit = a.before.views;
 
   const bool nothing_left = a.before.passes() && !search.strayed();
-  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, q, a, search, options, lap);
+  if (!nothing_left) {
+    a.chosen = search.run([&](double f) { progress(f, "tracing the residual"); });
+    lap("searching for effects");
+    // What an effect makes quick, as a lag does to an input that was held, the declared model's steps may pass over.
+    const double finer = finer_step(q.p, a.chosen.fit);
+    if (finer < q.p.h_max) return diagnose_paced(record, machine, options, taken, finer);
+  }
+  d.verdict = nothing_left ? no_effect(d, q, a, options.false_alarm) : trace(d, q, a, search, lap);
   progress(0.8, "predicting what was held out");
   d.verdict = predict_held_out(d, q, a, d.verdict);
   for (const Search::Swap& s : a.swaps) {

@@ -68,7 +68,7 @@ Fit Question::on_held_out(const Fit& f, const std::vector<int>& effects, bool* d
   return best;
 }
 
-Question::Question(const Record& record, const Machine& m, const Options& options, Repeats taken)
+Question::Question(const Record& record, const Machine& m, const Options& options, Repeats taken, double longest_step)
     : machine(m), data(prepare(record, m, taken)) {
   p.machine = &machine;
   p.data = &data;
@@ -87,7 +87,7 @@ Question::Question(const Record& record, const Machine& m, const Options& option
   p.h_max = 0.5 * spacing;
   guess_starts(p, data, record.name);
   refuse_nonsense(p, data, record.name);
-  p.h_max = choose_step(p);
+  p.h_max = std::min(choose_step(p, declared_fit(p)), longest_step);
   p.h_slope = std::min(spacing, 4.0 * p.h_max);
 
   for (std::size_t i = 0; i < data.segments.size(); ++i) all.push_back(static_cast<int>(i));

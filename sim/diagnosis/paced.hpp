@@ -12,8 +12,9 @@ namespace saltus::diagnosis {
 
 // What is asked of a record.
 struct Question {
-  // Lays the record out and fits the declared model's starts, or throws RecordError saying what to mend.
-  Question(const Record& record, const Machine& m, const Options& options, Repeats taken);
+  // Lays the record out and fits the declared model's starts, or throws RecordError saying what to mend. Steps are as
+  // short as the declared model needs, and no longer than `longest_step` [s].
+  Question(const Record& record, const Machine& m, const Options& options, Repeats taken, double longest_step);
   Question(const Question&) = delete;
 
   const Machine& machine;

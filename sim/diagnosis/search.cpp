@@ -8,6 +8,7 @@
 
 #include "core/trace/statistics.hpp"
 #include "sets.hpp"
+#include "setup.hpp"
 
 namespace saltus::diagnosis {
 
@@ -213,6 +214,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
       progress(0.3 + 0.1 * static_cast<double>(i) / static_cast<double>(others.size()));
     }
   }
+  if (finer_step(p_, best().fit) < p_.h_max) return best();  // what else there is shows with finer steps alone
   // Of what changes the charts the slope at nothing says little, and the first fit may be trapped.
   constexpr double little = 250.0, near = 100.0;  // [-] of BIC: evidence another cause may well match; in reach
   for (const int c : judged()) {

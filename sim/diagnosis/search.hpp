@@ -39,7 +39,8 @@ class Search {
   void baseline(const Fit& declared);
   Gate gate(const Fit& f) const;
 
-  // Looks for effects until the gate passes, the gain stops, or there are four. Returns the best trial.
+  // Looks for effects until the gate passes, the gain stops, there are four, or what is found asks for finer steps.
+  // Returns the best trial.
   const Trial& run(const std::function<void(double)>& progress);
 
   // The best trial there is, without what does not earn its place in it.

@@ -52,8 +52,10 @@ void guess_starts(const Problem& p, Data& data, const std::string& record) {
       }
       s.spread.push_back(std::max(1e-6, 0.5 * (high - low)));
     }
-    // What lies further back no input of the segment remembers: keep enough for late ones.
-    const std::size_t keep = std::min<std::size_t>(s.first, static_cast<std::size_t>(std::max(4, data.sections / 2)));
+    // What lies further back no input of the segment remembers: a lag is a quarter of a cycle at most, and has
+    // forgotten all but a hundred-thousandth of it.
+    constexpr int remembered = 3;  // [cycle]
+    const auto keep = std::min(s.first, static_cast<std::size_t>(remembered * data.sections));
     const std::size_t drop = s.first - keep;
     s.t.erase(s.t.begin(), s.t.begin() + static_cast<std::ptrdiff_t>(drop));
     s.u.erase(s.u.begin(), s.u.begin() + static_cast<std::ptrdiff_t>(drop * m.inputs.size()));
@@ -61,31 +63,45 @@ void guess_starts(const Problem& p, Data& data, const std::string& record) {
   }
 }
 
-double choose_step(const Problem& p) {
-  const Data& data = *p.data;
-  const Segment& s = data.segments.back();
+namespace {
+
+// What the outputs of a run change by with steps half as long, as chi squared of all segments.
+double change(const Data& data, const Segment& s, const Response& fine, const Response& coarse) {
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  double sum = 0.0;
+  for (std::size_t i = 0; i < fine.rows; ++i) {
+    const auto row = static_cast<Eigen::Index>(i);
+    const double d = (fine.y[i] - coarse.y[i]) / data.noise[row % ny];
+    sum += d * d * s.count[row];
+  }
+  return sum * static_cast<double>(data.segments.size());
+}
+
+}  // namespace
+
+double choose_step(const Problem& p, const Fit& f, double trifle) {
+  const Segment& s = p.data->segments.back();
+  const auto run = [&](double h) { return p.machine->values_only(f.values, s.course(h), f.start.back()); };
   double spacing = 1e300;
   for (std::size_t i = s.first + 1; i < s.t.size(); ++i) spacing = std::min(spacing, s.t[i] - s.t[i - 1]);
-  std::vector<double> values;
-  for (const Coefficient& c : p.machine->coefficients) values.push_back(c.nominal);
-  const auto ny = static_cast<Eigen::Index>(data.outputs());
   double h = spacing;
-  std::vector<double> coarse;
-  for (int halvings = 0; halvings < 6; ++halvings) {
-    const Response fine = p.machine->values_only(values, s.course(h), s.guess);
-    if (!coarse.empty() && usable(fine.status)) {
-      double sum = 0.0;
-      for (std::size_t i = 0; i < fine.rows; ++i) {
-        const auto row = static_cast<Eigen::Index>(i);
-        const double d = (fine.y[i] - coarse[i]) / data.noise[row % ny];
-        sum += d * d * s.count[row];
-      }
-      if (sum * static_cast<double>(data.segments.size()) < 0.05) return 2.0 * h;
-    }
-    coarse = fine.y;
+  Response coarse = run(h);
+  for (int halvings = 1; halvings < 6; ++halvings) {
     h *= 0.5;
+    Response fine = run(h);
+    if (usable(fine.status) && change(*p.data, s, fine, coarse) < trifle) return 2.0 * h;
+    coarse = std::move(fine);
   }
-  return h;
+  return 0.5 * h;
+}
+
+double finer_step(const Problem& p, const Fit& f) {
+  constexpr double told = 1.0, little = 0.3;  // [-] of chi squared
+  const Segment& s = p.data->segments.back();
+  const auto run = [&](double h) { return p.machine->values_only(f.values, s.course(h), f.start.back()); };
+  const Response fine = run(0.5 * p.h_max), coarse = run(p.h_max);
+  const bool fails = usable(fine.status) && usable(coarse.status) && change(*p.data, s, fine, coarse) > told;
+  return fails ? std::min(choose_step(p, f, little), 0.5 * p.h_max) : p.h_max;
 }
 
 }  // namespace saltus::diagnosis

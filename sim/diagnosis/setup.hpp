@@ -13,7 +13,11 @@ void guess_starts(const Problem& p, Data& data, const std::string& record);
 // a change that moves the orbit far, or to another gait. False, and nothing changed, where it has no orbit.
 bool settle_starts(const Problem& p, Fit& f);
 
-// The longest step whose error no measurement of the record would notice.
-double choose_step(const Problem& p);
+// The longest step, at the values of a fit, whose error no measurement of the record would notice: `trifle` [-] of chi
+// squared.
+double choose_step(const Problem& p, const Fit& f, double trifle = 0.05);
+
+// The same where the step that is taken was chosen for other values and its error is noticed at these; else that one.
+double finer_step(const Problem& p, const Fit& f);
 
 }  // namespace saltus::diagnosis

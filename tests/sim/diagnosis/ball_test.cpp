@@ -55,3 +55,12 @@ TEST_CASE("a clock set off, along whose valley the declared parameters bend, is 
   for (const double offset : {-0.005, -0.003, 0.008})
     found(judged(bounced({{"clock_offset", offset}}, 31)), "clock_offset", offset);
 }
+
+TEST_CASE("a large lag of the input asks for finer steps than the declared model, and is one effect as large as it is",
+          "[diagnose]") {
+  Campaign c = bounces();
+  c.experiments = 3;
+  c.period = 16;
+  c.amplitude = 3e-3;
+  found(judged(bounced({{"input_lag", 0.2}}, 32, c)), "input_lag", 0.2);
+}
