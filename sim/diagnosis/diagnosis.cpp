@@ -9,6 +9,7 @@
 #include "laps.hpp"
 #include "paced.hpp"
 #include "partly_seen.hpp"
+#include "past_events.hpp"
 #include "pictures.hpp"
 #include "sets.hpp"
 #include "setup.hpp"
@@ -34,6 +35,21 @@ bool only_mean_cycle_shows(const Question& q, const Search& search, const Trial&
   const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(effect)];
   const bool of_sensor = c.name.rfind("sensor_", 0) == 0;
   return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < seen;
+}
+
+// Where the declared model misses far its impacts may be on the wrong side of sections: then away from them first.
+Trial searched(const Question& q, Search& search, const Options& options) {
+  const auto progress = [&](double f) {
+    if (options.progress) options.progress(f, "tracing the residual");
+  };
+  const auto thin = misses_far(q.p, q.all, search.base().fit) ? without_jumps(q.data) : std::nullopt;
+  if (!thin) return search.run(progress);
+  Problem away = q.p;
+  away.data = &*thin;
+  Search smooth(away, q.all, q.candidates, options.false_alarm);
+  smooth.baseline(q.declared);
+  smooth.run(progress);
+  return search.run_from(smooth, progress);
 }
 
 // Something is left, and `a` has what the search found: which effects take it away?
@@ -211,7 +227,7 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
 
   const bool nothing_left = a.before.passes() && !search.strayed();
   if (!nothing_left) {
-    a.chosen = search.run([&](double f) { progress(f, "tracing the residual"); });
+    a.chosen = searched(q, search, options);
     lap("searching for effects");
     // What an effect makes quick, as a lag does to an input that was held, the declared model's steps may pass over.
     const double finer = finer_step(q.p, a.chosen.fit);

@@ -187,4 +187,17 @@ Fit Search::leapt(const Fit& from, const Fit& over) const {
   return r;
 }
 
+// What a search on some of the samples found, fitted to all of them; searched on only where that is not it.
+const Trial& Search::run_from(const Search& smooth, const std::function<void(double)>& progress) {
+  constexpr double near = 100.0;  // [-] of BIC
+  const double limit = smooth.best().bic + near;
+  for (const auto& [set, t] : smooth.pool_) {
+    if (t.bic < limit) store({set, fit(p_, segments_, t.fit, set), 0.0, true});
+  }
+  if (finer_step(p_, best().fit) < p_.h_max) return best();
+  if (!passes(best().fit)) return run(progress);
+  finish_near(30.0);
+  return settle();
+}
+
 }  // namespace saltus::diagnosis

@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "core/trace/statistics.hpp"
+#include "past_events.hpp"
 #include "sets.hpp"
 #include "setup.hpp"
 
@@ -96,7 +97,7 @@ const Trial* Search::leaving_a_trifle() const {
 
 void Search::baseline(const Fit& declared) {
   declared_ = fit(p_, segments_, declared, {}, {.iterations = 0});
-  store({{}, fit(p_, segments_, declared, {}), 0.0, true});
+  store({{}, fit_past_events(p_, segments_, declared, {}), 0.0, true});
   base_gate_ = gate(base().fit);
   inflation_ = std::max(1.0, base_gate_.evidence.inflation);
   if (p_.data->coloured) {  // scores over a scatter that is itself estimated are Student's: Cornish and Fisher

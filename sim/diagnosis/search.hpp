@@ -42,6 +42,8 @@ class Search {
   // Looks for effects until the gate passes, the gain stops, there are four, or what is found asks for finer steps.
   // Returns the best trial.
   const Trial& run(const std::function<void(double)>& progress);
+  // The same by way of what another search found, on samples along which the cost is smoother.
+  const Trial& run_from(const Search& smooth, const std::function<void(double)>& progress);
 
   // The best trial there is, without what does not earn its place in it.
   const Trial& settle();

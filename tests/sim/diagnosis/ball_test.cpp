@@ -64,3 +64,31 @@ TEST_CASE("a large lag of the input asks for finer steps than the declared model
   c.amplitude = 3e-3;
   found(judged(bounced({{"input_lag", 0.2}}, 32, c)), "input_lag", 0.2);
 }
+
+TEST_CASE("an impact across a section from where it was declared is neither refused nor a lack", "[diagnose]") {
+  for (const double e : {0.7865, 0.787, 0.7875}) {
+    const Diagnosis d = judged(bounced({{"e", e}}, 33));
+    CAPTURE(e, name(d.verdict));
+    CHECK(d.verdict == Verdict::parameters_only);
+    for (const ParameterRow& p : d.parameters) {
+      if (p.name == "e") CHECK(std::abs(p.refitted - e) < 4.0 * p.refitted_error);
+    }
+  }
+}
+
+TEST_CASE("an effect that carries the impact across a section is found, not refused", "[diagnose]") {
+  found(judged(bounced({{"quadratic_drag@body", 0.01}}, 34)), "quadratic_drag@body", 0.01);
+  found(judged(bounced({{"clock_offset", 0.015}}, 35)), "clock_offset", 0.015);
+}
+
+TEST_CASE("an input of the other sign is refused, for no parameters within their tolerances mend it", "[diagnose]") {
+  Record r = bounced({{"e", 0.795}}, 36);
+  for (double& u : r.inputs[0].values) u = -u;
+  const auto m = make_machine("bouncing_ball");
+  try {
+    diagnose(r, *m, {});
+    FAIL("was not refused");
+  } catch (const RecordError& e) {
+    CHECK(std::string(e.what()).find("reverse the sign") != std::string::npos);
+  }
+}
