@@ -22,8 +22,7 @@ std::vector<int> free_ones(const Problem& p, const std::vector<int>& effects, bo
   return free;
 }
 
-// The step of the free coefficients. Those that sit on their bound and would
-// leave it do not move.
+// The step of the free coefficients. Those that sit on their bound and would leave it do not move.
 Eigen::VectorXd step_of(const Problem& p, const Fit& f, const Reduced& r, double damping) {
   const Eigen::Index n_free = r.g.size();
   Eigen::VectorXd step = Eigen::VectorXd::Zero(n_free);
@@ -109,10 +108,9 @@ Attempt attempt(const Problem& p, const std::vector<int>& segments, const Fit& f
   return a;
 }
 
-// Where a valley bends a straight step leaves it, and one short enough not to
-// creeps. What a little of the way shows of the bend, taken to all of it, is
-// added to the residuals, so that a step as they then pull follows it
-// (Transtrum and Sethna's geodesic acceleration).
+// Where a valley bends a straight step leaves it, and one short enough not to creeps. What a little of the way shows of
+// the bend, taken to all of it, is added to the residuals, so that a step as they then pull follows it (Transtrum and
+// Sethna's geodesic acceleration).
 Cost with_bend(const Problem& p, const std::vector<int>& segments, const Fit& f, const Cost& now, const Normal& n,
                const Fit& ahead) {
   constexpr double little = 0.1;  // [-] of the way
@@ -258,8 +256,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
         f.converged = true;
         break;
       }
-      // Nearly linear: the same sensitivities serve again, at a fraction of the
-      // cost.
+      // Nearly linear: the same sensitivities serve again, at a fraction of the cost.
       fresh = !(damping == 0.0 && fell >= options.enough && std::abs(fell - a.foreseen) < 0.2 * a.foreseen);
     } else {
       if (fresh && (-fell < options.enough || ++fails > 6)) {
