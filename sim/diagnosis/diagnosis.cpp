@@ -30,11 +30,11 @@ Verdict no_effect(const Diagnosis& d, const Question& q, const Answer& a, double
 
 // Standard errors by which stimuli show an effect that acts within the machine: it changes its response to them too,
 // a sensor need not.
-constexpr double seen = 2.0;
+constexpr double shown = 2.0;
 bool only_mean_cycle_shows(const Question& q, const Search& search, const Trial& t, int effect) {
   const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(effect)];
   const bool of_sensor = c.name.rfind("sensor_", 0) == 0;
-  return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < seen;
+  return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < shown;
 }
 
 // Where the declared model misses far its impacts may be on the wrong side of sections: then away from them first.
@@ -186,7 +186,7 @@ Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const
                       " standard errors only, the rest is seen in the mean cycle: a force that repeats with the cycle "
                       "(periodic_force) would explain it as well.");
     d.separate = "To tell " + effect + " from a force that repeats with the cycle: stimuli of " +
-                 (z > 0.5 ? text(2.0 * seen / z, "%.2g") + " times the amplitude." : "several times the amplitude.");
+                 (z > 0.5 ? text(2.0 * shown / z, "%.2g") + " times the amplitude." : "several times the amplitude.");
   }
   return a.in_mean_cycle.empty() ? Verdict::effect_found : Verdict::ambiguous;
 }
