@@ -295,11 +295,17 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
   if (!d.held_out.empty()) {
     h += "<p class=\"muted\">Held out: experiment";
     for (std::size_t i = 0; i < d.held_out.size(); ++i) h += (i == 0 ? " " : ", ") + std::to_string(d.held_out[i]);
-    if (!d.effects.empty()) {
+    h += ".";
+    if (!d.effects.empty() && d.excess_explained > 0.0) {
       h += format(
-          ". There the effect explains %.1f %% of the excess over the noise that refitting leaves, %.2f %% of the "
+          " There the effect explains %.1f %% of the excess over the noise that refitting leaves, %.2f %% of the "
           "declared model's.",
           100.0 * d.excess_explained, 100.0 * d.excess_explained_declared);
+    } else if (!d.effects.empty() && d.excess_explained_declared > 0.0) {
+      h += format(
+          " There the effect explains %.2f %% of the excess over the noise that the declared model leaves; refitting "
+          "alone leaves too little to tell.",
+          100.0 * d.excess_explained_declared);
     }
     h += "</p>\n";
   }
