@@ -18,20 +18,11 @@
 namespace saltus::diagnosis {
 namespace {
 
-// By how much the repeats scatter more along the parameters, or along candidates, than noise of each sample alone
-// would.
-double scatter(const Question& q, const Answer& a) {
-  if (!q.data.coloured) return a.before.evidence.inflation;
-  Fit fixed = q.declared;
-  fixed.free.clear();
-  return std::max(a.before.evidence.inflation, evidence(q.p, q.all, fixed, a.refit.free).inflation);
-}
-
 // The declared model, with its parameters refitted, leaves nothing but noise: did they have to move?
 Verdict no_effect(const Diagnosis& d, const Question& q, const Answer& a, double false_alarm) {
   bool holds = true;
   for (const View& v : d.views_declared) holds = holds && v.p > 0.1 * false_alarm;
-  const double gain = (q.declared.chi2 - a.refit.cost()) / a.scatter;
+  const double gain = (q.declared.chi2 - a.refit.cost()) / a.before.evidence.inflation;
   const double k = static_cast<double>(a.refit.free.size());
   const double p_shift = k > 0.0 ? fisher_tail(gain / k, k, 1e6) : 1.0;
   return holds && p_shift > 0.1 * false_alarm ? Verdict::no_discrepancy : Verdict::parameters_only;
@@ -229,7 +220,6 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   a.refit = search.base().fit;
   a.chosen = search.base();
   a.before = a.after = search.base_gate();
-  a.scatter = scatter(q, a);
   d.threshold = search.threshold();
   d.tried = static_cast<int>(search.candidates().size());
   d.views_declared = views(q.p, q.all, q.declared);

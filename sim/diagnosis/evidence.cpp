@@ -8,7 +8,6 @@
 
 #include "core/spectrum/twiddles.hpp"
 #include "core/trace/statistics.hpp"
-#include "normal_equations.hpp"
 
 namespace saltus::diagnosis {
 namespace {
@@ -223,7 +222,8 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
   Eigen::VectorXd prior = Eigen::VectorXd::Zero(m), off = Eigen::VectorXd::Zero(m);
   for (Eigen::Index i = 0; i < m; ++i) {
     const auto k = static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(i)]);
-    prior[i] = prior_of(p, s.nuisance[static_cast<std::size_t>(i)]) / (tolerances * tolerances);
+    if (k >= p.tolerance.size() || !(p.tolerance[k] > 0.0)) continue;
+    prior[i] = 1.0 / (p.tolerance[k] * p.tolerance[k] * tolerances * tolerances);
     off[i] = prior[i] * (f.values[k] - p.machine->coefficients[k].nominal);
   }
   // Scaled so that coefficients of any unit invert alike.

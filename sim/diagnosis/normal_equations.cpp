@@ -125,8 +125,7 @@ Normal normal_equations(const Problem& p, const std::vector<int>& segments, cons
 
 double prior_of(const Problem& p, int coefficient) {
   const auto k = static_cast<std::size_t>(coefficient);
-  if (k >= p.tolerance.size() || !(p.tolerance[k] > 0.0)) return 0.0;
-  return p.data->colour / (p.tolerance[k] * p.tolerance[k]);
+  return k < p.tolerance.size() && p.tolerance[k] > 0.0 ? 1.0 / (p.tolerance[k] * p.tolerance[k]) : 0.0;
 }
 
 double penalty_of(const Problem& p, const std::vector<double>& values) {

@@ -45,8 +45,7 @@ Normal normal_equations(const Problem& p, const std::vector<int>& segments, cons
 // The right-hand sides for these residuals, with the sensitivities that are there.
 void renew_gradient(const Problem& p, const std::vector<int>& segments, const Fit& f, const Cost& cost, Normal& n);
 
-// Of a coefficient's declared value: one over the square of its tolerance, 0 where it has none. More where noise is
-// correlated in time: squares of samples then count for more than they tell, and must not outweigh it.
+// Of a coefficient's declared value: one over the square of its tolerance, 0 where it has none.
 double prior_of(const Problem& p, int coefficient);
 double penalty_of(const Problem& p, const std::vector<double>& values);
 

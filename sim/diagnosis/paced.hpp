@@ -42,7 +42,6 @@ struct Answer {
   Fit refit;  // nothing but the declared parameters
   Trial chosen;
   Gate before, after;
-  double scatter = 1.0;  // [-] variance of parameters over that of white noise, from the repeats
   std::vector<Search::Swap> swaps;
   std::vector<Search::Interval> intervals;  // of the effects found
   std::vector<std::pair<int, int>> ties;    // effect chosen, its twin

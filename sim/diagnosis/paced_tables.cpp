@@ -75,7 +75,7 @@ void list_parameters(Diagnosis& d, const Question& q, const Answer& a) {
     const Coefficient& c = q.machine.coefficients[k];
     if (c.candidate) continue;
     const double tolerance = q.p.tolerance[k];
-    const double widened = std::max(q.data.colour, a.scatter);
+    const double widened = std::max(q.data.colour, a.before.evidence.inflation);  // as of effects
     const auto error = [&](const Fit& f) {
       const auto i = std::find(f.free.begin(), f.free.end(), static_cast<int>(k)) - f.free.begin();
       return i == static_cast<std::ptrdiff_t>(f.free.size()) ? 0.0 : std::sqrt(f.covariance(i, i) * widened);
