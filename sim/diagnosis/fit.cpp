@@ -141,15 +141,11 @@ Cost with_bend(const Problem& p, const std::vector<int>& segments, const Fit& f,
   return bent;
 }
 
-// Between gaits the way is no bend: a little of it says nothing of the rest.
-bool may_bend(const Machine& machine, const Fit& f) {
-  for (std::size_t k = 0; k < f.values.size(); ++k) {
-    const Coefficient& c = machine.coefficients[k];
-    if (c.changes_charts() &&
-        (f.values[k] != c.nominal || std::count(f.free.begin(), f.free.end(), static_cast<int>(k)) > 0))
-      return false;
-  }
-  return true;
+// Of a machine that may change its charts the way between two gaits is no bend: a little of it says nothing of the
+// rest, and follows a mass and a drag to where they imitate a soft ground.
+bool may_bend(const Machine& machine) {
+  return std::none_of(machine.coefficients.begin(), machine.coefficients.end(),
+                      [](const Coefficient& c) { return c.changes_charts(); });
 }
 
 // The covariance of the free coefficients, starts eliminated.
@@ -214,7 +210,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
     const auto k = static_cast<std::size_t>(e);
     f.values[k] = std::max(f.values[k], lower_bound(p.machine->coefficients[k]));
   }
-  const bool bends = may_bend(*p.machine, f);
+  const bool bends = may_bend(*p.machine);
   Cost now = cost_at(p, segments, f);
   f.status = now.status;
   f.converged = false;
