@@ -30,7 +30,8 @@ struct Segment {
   Course course(double h_max) const { return {t, u, first, h_max}; }
   // The spread of a free coordinate of a start, which may have more of them than the guess.
   double spread_of(std::size_t k) const { return k < spread.size() ? spread[k] : 1.0; }
-  std::size_t samples() const { return t.size() - first; }  // whose outputs there are
+  std::size_t samples() const { return t.size() - first; }                                // whose outputs there are
+  double measured() const { return static_cast<double>((count.array() > 0.0).count()); }  // rows
 };
 
 struct Quality {

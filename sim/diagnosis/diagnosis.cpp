@@ -28,15 +28,6 @@ Verdict no_effect(const Diagnosis& d, const Question& q, const Answer& a, double
   return holds && p_shift > 0.1 * false_alarm ? Verdict::no_discrepancy : Verdict::parameters_only;
 }
 
-// Standard errors by which stimuli show an effect that acts within the machine: it changes its response to them too,
-// a sensor need not.
-constexpr double shown = 2.0;
-bool only_mean_cycle_shows(const Question& q, const Search& search, const Trial& t, int effect) {
-  const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(effect)];
-  const bool of_sensor = c.name.rfind("sensor_", 0) == 0;
-  return q.data.sections > 0 && !of_sensor && c.candidate && search.beyond_mean_cycle(t, effect) < shown;
-}
-
 // Where the declared model misses far its impacts may be on the wrong side of sections: then away from them first.
 Trial searched(const Question& q, Search& search, const Options& options) {
   const auto progress = [&](double f) {
@@ -172,15 +163,19 @@ Verdict compare_rivals(Diagnosis& d, const Question& q, Answer& a, const Search&
   return v;
 }
 
-// What only the mean cycle shows, and hardly its shape, may be anything that repeats with it.
+// What only the mean cycle shows, and hardly its shape, may be anything that repeats with it. What acts within the
+// machine changes its response to stimuli too; a sensor need not.
 Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const Search& search) {
+  constexpr double shown = 2.0;  // [-] standard errors
   for (std::size_t i = 0; i < a.chosen.effects.size(); ++i) {
     const int e = a.chosen.effects[i];
     const Coefficient& c = q.machine.coefficients[static_cast<std::size_t>(e)];
+    if (q.data.sections == 0 || !c.candidate || c.of_sensor()) continue;
     const double off = std::abs(a.chosen.fit.values[static_cast<std::size_t>(e)] - c.nominal);
-    if (!c.candidate || off > shaped * a.intervals[i].sigma || !only_mean_cycle_shows(q, search, a.chosen, e)) continue;
-    const std::string effect = name_of(q.machine, e);
+    if (off > shaped * a.intervals[i].sigma) continue;
     const double z = search.beyond_mean_cycle(a.chosen, e);
+    if (!(z < shown)) continue;
+    const std::string effect = name_of(q.machine, e);
     a.in_mean_cycle.push_back(e);
     d.notes.push_back("The response to stimuli shows " + effect + " by " + text(z, "%.1f") +
                       " standard errors only, the rest is seen in the mean cycle: a force that repeats with the cycle "

@@ -166,6 +166,12 @@ double Evidence::cosine(Eigen::Index i, Eigen::Index j) const {
   return n > 0.0 ? information(i, j) / n : 0.0;
 }
 
+Eigen::Matrix2d Evidence::information_of(Eigen::Index i, Eigen::Index j) const {
+  Eigen::Matrix2d r;
+  r << information(i, i), information(i, j), information(j, i), information(j, j);
+  return r;
+}
+
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances) {
   return weigh(p, segments, f, signatures(p, segments, f, candidates), tolerances);

@@ -32,6 +32,7 @@ struct Evidence {
 
   Eigen::Index find(int coefficient) const;
   double cosine(Eigen::Index i, Eigen::Index j) const;
+  Eigen::Matrix2d information_of(Eigen::Index i, Eigen::Index j) const;  // of two together
   bool usable(Eigen::Index i) const { return identified[i] > 0.1 && error[i] > 0.0; }
 };
 // `tolerances`: by what factor the declared tolerances are widened; large: what the data alone say.
@@ -50,6 +51,7 @@ Evidence among(const Evidence& e, const std::vector<int>& candidates);
 double beyond_mean_cycle(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
                          int effect);
 
+constexpr double wide_95 = 1.96;    // [-] standard errors to either side of an interval of 95 %
 constexpr double power_95 = 1.645;  // [-] standard errors above a threshold of what is seen with a power of 95 %
 // An effect of some size, and by how many standard errors it would be off.
 struct Seen {

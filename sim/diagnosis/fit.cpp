@@ -159,6 +159,20 @@ Eigen::MatrixXd covariance_of(const Eigen::MatrixXd& h) {
 
 }  // namespace
 
+Fit with_fixed(Fit f, int coefficient) {
+  f.free.erase(std::remove(f.free.begin(), f.free.end(), coefficient), f.free.end());
+  return f;
+}
+
+double farthest_off(const Problem& p, const Fit& f) {
+  double most = 0.0;
+  for (std::size_t k = 0; k < p.tolerance.size(); ++k) {
+    const double off = f.values[k] - p.machine->coefficients[k].nominal;
+    if (p.tolerance[k] > 0.0) most = std::max(most, std::abs(off) / p.tolerance[k]);
+  }
+  return most;
+}
+
 bool sensible(const Machine& machine, const Fit& f) {
   const auto& all = machine.coefficients;
   for (std::size_t i = 0; i < all.size(); ++i) {

@@ -48,6 +48,12 @@ inline constexpr FitOptions starts_alone{.refit_parameters = false};
 Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, const std::vector<int>& effects,
         const FitOptions& options = {});
 
+// A fit of which one coefficient is no longer refitted, and keeps its value.
+Fit with_fixed(Fit f, int coefficient);
+
+// [-] By how many tolerances the declared parameter farthest off is off.
+double farthest_off(const Problem& p, const Fit& f);
+
 // Could it be? A friction that is less one way than the other must still oppose the motion both ways.
 bool sensible(const Machine& machine, const Fit& f);
 

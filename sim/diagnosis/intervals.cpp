@@ -7,9 +7,6 @@
 #include "sets.hpp"
 
 namespace saltus::diagnosis {
-namespace {
-constexpr double wide = 1.96;  // [-] standard errors to either side, 95 %
-}
 
 // From the end of the interval that the curvature at the best tells, outward while the cost, all else refitted, has not
 // risen by what 95 % allow. Not inward: where a cost is kinked a fit may stop early and seem to rise too much.
@@ -21,10 +18,10 @@ std::vector<Search::Interval> Search::intervals(Trial& t) {
       const auto k = static_cast<std::size_t>(c);
       const double value = t.fit.values[k], scale = std::max(p_.data->colour, inflation_);
       const auto at = std::find(t.fit.free.begin(), t.fit.free.end(), c) - t.fit.free.begin();
-      const double sigma = std::sqrt(t.fit.covariance(at, at) * scale), allowed = wide * wide * scale;
+      const double sigma = std::sqrt(t.fit.covariance(at, at) * scale), allowed = wide_95 * wide_95 * scale;
       Interval interval{value, value, sigma};
       for (const double side : {-1.0, 1.0}) {
-        double reach = wide * sigma;
+        double reach = wide_95 * sigma;
         for (int step = 0; step < 4 && !better; ++step) {
           double& end = side < 0.0 ? interval.low : interval.high;
           end = value + side * reach;

@@ -28,6 +28,7 @@ struct Coefficient {
   int physical_sum = 0;       // +1: only positive values of it and what it refines together make sense
   double uncertainty = -1.0;  // [-] standard deviation over the nominal value where nobody says; below zero: the usual
   bool changes_charts() const { return probe > 0.0; }
+  bool of_sensor() const { return name.starts_with("sensor_"); }
 };
 
 struct Channel {

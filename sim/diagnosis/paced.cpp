@@ -37,8 +37,7 @@ double expected_chi2(const Problem& p, const std::vector<int>& segments) {
   double n = 0.0;
   for (const int index : segments) {
     const Segment& s = p.data->segments[static_cast<std::size_t>(index)];
-    n += static_cast<double>((s.count.array() > 0.0).count()) -
-         static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
+    n += s.measured() - static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
   }
   return n;
 }
@@ -92,7 +91,7 @@ Question::Question(const Record& record, const Machine& m, const Options& option
 
   for (std::size_t i = 0; i < data.segments.size(); ++i) all.push_back(static_cast<int>(i));
   double rows = 0.0;
-  for (const Segment& s : data.segments) rows += static_cast<double>((s.count.array() > 0.0).count());
+  for (const Segment& s : data.segments) rows += s.measured();
   const double unknowns = static_cast<double>(machine.declared) + static_cast<double>(all.size()) * machine.starts();
   if (rows < 5.0 * unknowns) {
     throw RecordError(record.name,

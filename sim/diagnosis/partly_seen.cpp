@@ -14,7 +14,7 @@ class PartlySeen final : public Machine {
     for (const Channel& o : whole.outputs) {
       if (std::any_of(outputs.begin(), outputs.end(), [&](const Channel& s) { return s.name == o.name; })) continue;
       for (Coefficient& c : coefficients) {
-        if (c.name.starts_with("sensor_") && c.name.ends_with("@" + o.name)) c.candidate = false;
+        if (c.of_sensor() && c.name.ends_with("@" + o.name)) c.candidate = false;
       }
     }
   }

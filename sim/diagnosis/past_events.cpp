@@ -49,8 +49,7 @@ std::optional<Data> without_jumps(const Data& data) {
 bool misses_far(const Problem& p, const std::vector<int>& segments, const Fit& f) {
   constexpr double far = 4.0;  // [-] of chi squared over measurements
   double rows = 0.0;
-  for (const int s : segments)
-    rows += static_cast<double>((p.data->segments[static_cast<std::size_t>(s)].count.array() > 0.0).count());
+  for (const int s : segments) rows += p.data->segments[static_cast<std::size_t>(s)].measured();
   return !(f.chi2 < far * rows);
 }
 

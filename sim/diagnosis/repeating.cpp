@@ -18,12 +18,6 @@ std::vector<int> coefficients_of(const std::vector<Search::Repeating>& forces) {
   return r;
 }
 
-Eigen::Matrix2d information_of(const Evidence& e, Eigen::Index i, Eigen::Index j) {
-  Eigen::Matrix2d r;
-  r << e.information(i, i), e.information(i, j), e.information(j, i), e.information(j, j);
-  return r;
-}
-
 }  // namespace
 
 // From f, moved by a force along cosine and sine [unit of the force].
@@ -49,7 +43,7 @@ void Search::ask(const std::vector<Repeating>& forces) {
     for (const Repeating& r : forces) {
       const auto i = e.find(r.cosine), j = e.find(r.sine);
       if (!e.usable(i) || !e.usable(j)) continue;
-      const Eigen::Vector2d score(e.score[i], e.score[j]), force = information_of(e, i, j).ldlt().solve(score);
+      const Eigen::Vector2d score(e.score[i], e.score[j]), force = e.information_of(i, j).ldlt().solve(score);
       const double gain = force.dot(score);
       if (k == 0) {
         asked_.push_back(
@@ -66,8 +60,7 @@ std::vector<Search::Swap> Search::swap_for_force(const Trial& t, const std::vect
   const int effect = t.effects[0];
   const double nominal = p_.machine->coefficients[static_cast<std::size_t>(effect)].nominal,
                size = t.fit.values[static_cast<std::size_t>(effect)] - nominal;
-  Fit without_it = t.fit;
-  without_it.free.erase(std::remove(without_it.free.begin(), without_it.free.end(), effect), without_it.free.end());
+  Fit without_it = with_fixed(t.fit, effect);
   const Evidence e =
       weigh(p_, segments_, without_it, released(signatures(p_, segments_, t.fit, coefficients_of(forces)), effect));
   const auto own = e.find(effect);
@@ -76,7 +69,7 @@ std::vector<Search::Swap> Search::swap_for_force(const Trial& t, const std::vect
     const auto i = e.find(r.cosine), j = e.find(r.sine);
     if (!e.usable(own) || !e.usable(i) || !e.usable(j)) continue;
     const Eigen::Vector2d across(e.information(own, i), e.information(own, j)),
-        force = information_of(e, i, j).ldlt().solve(across) * size;
+        force = e.information_of(i, j).ldlt().solve(across) * size;
     const double done = size * size * e.information(own, own), alike = size * force.dot(across);
     if (done - alike > far) continue;
     swaps.push_back({effect, r.cosine, std::sqrt(std::clamp(alike / done, 0.0, 1.0))});
@@ -99,7 +92,6 @@ const Trial* Search::force() const {
 
 // By the slope of the size along cosine and sine: a force that was found is many standard errors from none.
 Search::Interval Search::size_of_force(const Trial& t) const {
-  constexpr double wide = 1.96;  // [-] standard errors to either side, 95 %
   const auto at = [&](std::size_t k) {
     return std::find(t.fit.free.begin(), t.fit.free.end(), t.effects[k]) - t.fit.free.begin();
   };
@@ -110,7 +102,7 @@ Search::Interval Search::size_of_force(const Trial& t) const {
   covariance << t.fit.covariance(i, i), t.fit.covariance(i, j), t.fit.covariance(j, i), t.fit.covariance(j, j);
   const Eigen::Vector2d slope = force.normalized();
   const double sigma = std::sqrt(slope.dot(covariance * slope) * std::max(p_.data->colour, inflation_));
-  return {std::max(0.0, force.norm() - wide * sigma), force.norm() + wide * sigma, sigma};
+  return {std::max(0.0, force.norm() - wide_95 * sigma), force.norm() + wide_95 * sigma, sigma};
 }
 
 }  // namespace saltus::diagnosis

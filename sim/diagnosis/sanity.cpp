@@ -223,17 +223,6 @@ std::optional<Doubt> doubt_at(const Problem& p, const Data& data, const Cycle& m
   return shifted_clock(measured, model);
 }
 
-// Are declared parameters so far off their values that it would be another machine? Effects that they imitate carry
-// them over their tolerances.
-bool foreign(const Problem& p, const Fit& f) {
-  constexpr double far = 15.0;  // [-] tolerances
-  for (std::size_t k = 0; k < p.tolerance.size(); ++k) {
-    const double off = f.values[k] - p.machine->coefficients[k].nominal;
-    if (p.tolerance[k] > 0.0 && std::abs(off) > far * p.tolerance[k]) return true;
-  }
-  return false;
-}
-
 }  // namespace
 
 // An impact a little earlier or later may fall on the other side of a section, where the declared model then answers
@@ -249,8 +238,12 @@ void refuse_nonsense(const Problem& p, const Data& data, const std::string& reco
   there.data = &away;
   std::vector<int> all(data.segments.size());
   std::iota(all.begin(), all.end(), 0);
+  // Effects that parameters imitate carry them over their tolerances; from here it would be another machine.
+  constexpr double foreign = 15.0;  // [-] tolerances
   const Fit refitted = fit(there, all, declared, {});
-  if (std::isfinite(refitted.chi2) && !foreign(p, refitted) && !doubt_at(there, away, measured, refitted)) return;
+  if (std::isfinite(refitted.chi2) && !(farthest_off(p, refitted) > foreign) &&
+      !doubt_at(there, away, measured, refitted))
+    return;
   throw RecordError(record, doubt->what, doubt->mend);
 }
 

@@ -23,8 +23,7 @@ Search::Search(const Problem& p, std::vector<int> segments, std::vector<int> can
 
 double Search::samples_of(const std::vector<int>& segments) const {
   double n = 0.0;
-  for (const int s : segments)
-    n += static_cast<double>((p_.data->segments[static_cast<std::size_t>(s)].count.array() > 0.0).count());
+  for (const int s : segments) n += p_.data->segments[static_cast<std::size_t>(s)].measured();
   return n;
 }
 
@@ -70,13 +69,7 @@ void Search::finish_near(double bic) {
   }
 }
 
-bool Search::strayed() const {
-  for (std::size_t k = 0; k < p_.tolerance.size(); ++k) {
-    const double off = base().fit.values[k] - declared_.values[k];
-    if (p_.tolerance[k] > 0.0 && std::abs(off) > 4.0 * p_.tolerance[k]) return true;
-  }
-  return false;
-}
+bool Search::strayed() const { return farthest_off(p_, base().fit) > 4.0; }
 
 double Search::left_by(const Trial& t) const {
   const double z = gate(t.fit).worst_z;
@@ -254,10 +247,8 @@ void Search::fit_likely_pairs() {
     for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
       const auto a = static_cast<Eigen::Index>(i), c = static_cast<Eigen::Index>(j);
       if (!e.usable(a) || !e.usable(c) || std::abs(e.cosine(a, c)) > 0.98) continue;
-      Eigen::Matrix2d I;
-      I << e.information(a, a), e.information(a, c), e.information(c, a), e.information(c, c);
       const Eigen::Vector2d s(e.score[a], e.score[c]);
-      const Eigen::Vector2d v = I.inverse() * s;
+      const Eigen::Vector2d v = e.information_of(a, c).inverse() * s;
       if (!may_change(*p_.machine, e.candidate[i], v[0]) || !may_change(*p_.machine, e.candidate[j], v[1])) continue;
       pairs.push_back({e.candidate[i], e.candidate[j], v[0], v[1], s.dot(v)});
     }

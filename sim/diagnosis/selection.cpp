@@ -213,7 +213,7 @@ bool Selection::convincing(const Trial1& t) const {
   // Where noise is nearly all there is, an error cannot fall by much; but there likelihoods are what they claim to be.
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(t.effect)];
   const bool dissipates = c.physical > 0 && !c.shifts_time;
-  const double less = c.name.starts_with("sensor_") ? enough_of_sensor : dissipates ? enough_better : enough_else;
+  const double less = c.of_sensor() ? enough_of_sensor : dissipates ? enough_better : enough_else;
   const bool enough = t.predicted < (t.quiet ? 1.0 : less);
   const bool mostly = t.quiet ? 4 * t.better >= 3 * t.parts : 2 * t.better > t.parts;
   return t.gain > bar(plain ? 0 : t.beside.size()) && enough && mostly && !t.trifle;

@@ -50,10 +50,8 @@ bool Selection::take_pair_instead() {
   const Attempt one = result();
   const int single = one.effects[0];
   const auto nominal = [&](int c) { return p_.machine->coefficients[static_cast<std::size_t>(c)].nominal; };
-  Fit without_it = one.fit;
-  without_it.free.erase(std::remove(without_it.free.begin(), without_it.free.end(), single), without_it.free.end());
   data_.noise = one.noise;
-  const Evidence e = evidence(p_, segments_, without_it, candidates_);
+  const Evidence e = evidence(p_, segments_, with_fixed(one.fit, single), candidates_);
   const auto own = e.find(single);
   if (own < 0 || !(e.error[own] > 0.0)) return false;
   const double size = one.fit.values[static_cast<std::size_t>(single)] - nominal(single);
@@ -73,9 +71,7 @@ bool Selection::take_pair_instead() {
       if (a == own || b == own || !(e.error[a] > 0.0) || !(e.error[b] > 0.0) || std::abs(e.cosine(a, b)) > 0.98)
         continue;
       if (!refinable({second}, first) || !refinable({first}, second)) continue;
-      Eigen::Matrix2d I;
-      I << e.information(a, a), e.information(a, b), e.information(b, a), e.information(b, b);
-      const Eigen::Vector2d s(score[a], score[b]), value = I.inverse() * s;
+      const Eigen::Vector2d s(score[a], score[b]), value = e.information_of(a, b).inverse() * s;
       if (!may_change(*p_.machine, first, value[0]) || !may_change(*p_.machine, second, value[1])) continue;
       const double gain = s.dot(value);
       if (gain > gain_of_one + bar(1)) pairs.push_back({first, second, value, gain});
@@ -150,10 +146,8 @@ std::vector<Selection::Tie> Selection::ties() {
   std::vector<Tie> r;
   const Attempt best = result();
   for (const int e : best.effects) {
-    Fit f = best.fit;
-    f.free.erase(std::remove(f.free.begin(), f.free.end(), e), f.free.end());
     data_.noise = best.noise;
-    const Evidence v = evidence(p_, segments_, f, candidates_);
+    const Evidence v = evidence(p_, segments_, with_fixed(best.fit, e), candidates_);
     const auto i = v.find(e);
     if (i < 0) continue;
     const double value =

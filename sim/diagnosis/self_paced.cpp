@@ -134,8 +134,8 @@ void list_findings(Diagnosis& d, const Work& w, const Found& found) {
     f.unit = machine.coefficients[k].unit;
     f.value = found.all.fit.values[k];
     const double sigma = std::max(found.error[at], std::sqrt(std::max(0.0, found.all.fit.covariance(at, at))));
-    f.low = f.value - 1.96 * sigma;
-    f.high = f.value + 1.96 * sigma;
+    f.low = f.value - wide_95 * sigma;
+    f.high = f.value + wide_95 * sigma;
     f.declared = machine.coefficients[k].nominal;
     f.z = sigma > 0.0 ? (f.value - f.declared) / sigma : 0.0;
     for (const Selection::Tie& t : found.ties) {
@@ -237,7 +237,7 @@ Diagnosis look(const Record& record, std::size_t spikes, const Machine& machine,
     for (const int c : f.part.effects) {  // what all of the record cannot tell from nothing is not claimed
       const auto at = std::find(f.all.fit.free.begin(), f.all.fit.free.end(), c) - f.all.fit.free.begin();
       const auto k = static_cast<std::size_t>(c);
-      if (std::abs(f.all.fit.values[k] - machine.coefficients[k].nominal) > 1.96 * f.error[at]) continue;
+      if (std::abs(f.all.fit.values[k] - machine.coefficients[k].nominal) > wide_95 * f.error[at]) continue;
       d.notes.push_back(name_of(machine, c) +
                         " was found in the fitted part but not in all of the record, and is not claimed.");
       f.part = search.drop(c);
@@ -319,8 +319,6 @@ Diagnosis look(const Record& record, std::size_t spikes, const Machine& machine,
   return d;
 }
 
-}  // namespace
-
 // Whether one of two diagnoses that name the same effects, or none, is the surer of them.
 bool surer(const Diagnosis& one, const Diagnosis& other) {
   if (one.effects.size() != other.effects.size()) return false;
@@ -334,6 +332,8 @@ bool surer(const Diagnosis& one, const Diagnosis& other) {
   }
   return narrower > 0.0;
 }
+
+}  // namespace
 
 // Where nothing but noise is left a longer stretch, whose start is one unknown as well, tells more: what a law does
 // adds up along it. Where the model itself errs, that adds up too, and short stretches are all that can be believed.

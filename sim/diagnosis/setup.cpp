@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace saltus::diagnosis {
 namespace {
@@ -65,8 +66,10 @@ void guess_starts(const Problem& p, Data& data, const std::string& record) {
 
 namespace {
 
-// What the outputs of a run change by with steps half as long, as chi squared of all segments.
-double change(const Data& data, const Segment& s, const Response& fine, const Response& coarse) {
+// What the outputs of the last segment change by with steps half as long, as chi squared of all segments.
+double change(const Problem& p, const Response& fine, const Response& coarse) {
+  const Data& data = *p.data;
+  const Segment& s = data.segments.back();
   const auto ny = static_cast<Eigen::Index>(data.outputs());
   double sum = 0.0;
   for (std::size_t i = 0; i < fine.rows; ++i) {
@@ -77,19 +80,30 @@ double change(const Data& data, const Segment& s, const Response& fine, const Re
   return sum * static_cast<double>(data.segments.size());
 }
 
+// The last segment, from a fit's start, by steps of h [s].
+Response run_last(const Problem& p, const Fit& f, double h) {
+  return p.machine->values_only(f.values, p.data->segments.back().course(h), f.start.back());
+}
+
+constexpr int most_halvings = 6;  // of the spacing of samples, however far off a step of it may be
+
+// [s] The least spacing of the last segment's samples.
+double spacing_of_last(const Problem& p) {
+  const Segment& s = p.data->segments.back();
+  double spacing = std::numeric_limits<double>::infinity();
+  for (std::size_t i = s.first + 1; i < s.t.size(); ++i) spacing = std::min(spacing, s.t[i] - s.t[i - 1]);
+  return spacing;
+}
+
 }  // namespace
 
 double choose_step(const Problem& p, const Fit& f, double trifle) {
-  const Segment& s = p.data->segments.back();
-  const auto run = [&](double h) { return p.machine->values_only(f.values, s.course(h), f.start.back()); };
-  double spacing = 1e300;
-  for (std::size_t i = s.first + 1; i < s.t.size(); ++i) spacing = std::min(spacing, s.t[i] - s.t[i - 1]);
-  double h = spacing;
-  Response coarse = run(h);
-  for (int halvings = 1; halvings < 6; ++halvings) {
+  double h = spacing_of_last(p);
+  Response coarse = run_last(p, f, h);
+  for (int halvings = 1; halvings < most_halvings; ++halvings) {
     h *= 0.5;
-    Response fine = run(h);
-    if (usable(fine.status) && change(*p.data, s, fine, coarse) < trifle) return 2.0 * h;
+    Response fine = run_last(p, f, h);
+    if (usable(fine.status) && change(p, fine, coarse) < trifle) return 2.0 * h;
     coarse = std::move(fine);
   }
   return 0.5 * h;
@@ -97,10 +111,9 @@ double choose_step(const Problem& p, const Fit& f, double trifle) {
 
 double finer_step(const Problem& p, const Fit& f) {
   constexpr double told = 1.0, little = 0.3;  // [-] of chi squared
-  const Segment& s = p.data->segments.back();
-  const auto run = [&](double h) { return p.machine->values_only(f.values, s.course(h), f.start.back()); };
-  const Response fine = run(0.5 * p.h_max), coarse = run(p.h_max);
-  const bool fails = usable(fine.status) && usable(coarse.status) && change(*p.data, s, fine, coarse) > told;
+  if (p.h_max <= std::ldexp(spacing_of_last(p), -most_halvings)) return p.h_max;
+  const Response fine = run_last(p, f, 0.5 * p.h_max), coarse = run_last(p, f, p.h_max);
+  const bool fails = usable(fine.status) && usable(coarse.status) && change(p, fine, coarse) > told;
   return fails ? std::min(choose_step(p, f, little), 0.5 * p.h_max) : p.h_max;
 }
 

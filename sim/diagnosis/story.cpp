@@ -28,18 +28,17 @@ namespace {
 // The parameters that moved by more than three standard errors; where many share it, the one that moved most of these.
 std::string corrections(const Diagnosis& d) {
   constexpr double clearly = 3.0;  // [-] standard errors
-  const auto moved = [&](const ParameterRow& r) {
-    const double now = d.effects.empty() ? r.refitted : r.with_effect,
-                 error = d.effects.empty() ? r.refitted_error : r.with_effect_error;
-    return error > 0.0 ? std::abs(now - r.declared) / error : now == r.declared ? 0.0 : clearly;
+  const auto moved = [](const ParameterRow& r) {
+    const double off = std::abs(r.with_effect - r.declared);
+    return r.with_effect_error > 0.0 ? off / r.with_effect_error : off > 0.0 ? clearly : 0.0;
   };
   double most = 0.0;
   for (const ParameterRow& r : d.parameters) most = std::max(most, moved(r));
   std::string t;
   for (const ParameterRow& r : d.parameters) {
     if (!(most > 0.0) || moved(r) < std::min(most, clearly)) continue;
-    const double now = d.effects.empty() ? r.refitted : r.with_effect;
-    t += format("%s%s %.6g -> %.6g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, now, r.unit.c_str());
+    t += format("%s%s %.6g -> %.6g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.with_effect,
+                r.unit.c_str());
   }
   return t;
 }

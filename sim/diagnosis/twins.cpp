@@ -16,8 +16,7 @@ void Search::unite(const Trial& t) {
   const int a = pair.effects[0], b = pair.effects[1];
   const auto nominal = [&](int c) { return p_.machine->coefficients[static_cast<std::size_t>(c)].nominal; };
   const auto change = [&](int c) { return pair.fit.values[static_cast<std::size_t>(c)] - nominal(c); };
-  Fit f = pair.fit;
-  f.free.erase(std::remove_if(f.free.begin(), f.free.end(), [&](int c) { return c == a || c == b; }), f.free.end());
+  const Fit f = with_fixed(with_fixed(pair.fit, a), b);
   const Evidence v = among(weigh(p_, segments_, f, released(released(signatures_at(pair.fit), a), b)), candidates_);
   const auto i = v.find(a), j = v.find(b);
   if (i < 0 || j < 0) return;
@@ -53,8 +52,7 @@ std::vector<Search::Swap> Search::swap_twins(const Trial& chosen) {
   std::vector<Swap> swaps;
   const Trial best_trial = chosen;
   for (const int e : best_trial.effects) {
-    Fit f = best_trial.fit;
-    f.free.erase(std::remove(f.free.begin(), f.free.end(), e), f.free.end());
+    const Fit f = with_fixed(best_trial.fit, e);
     const Evidence v = among(weigh(p_, segments_, f, released(signatures_at(best_trial.fit), e)), candidates_);
     const auto i = v.find(e);
     if (i < 0 || !(v.error[i] > 0.0)) continue;

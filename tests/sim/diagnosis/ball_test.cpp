@@ -1,19 +1,14 @@
 // The bouncing ball: its impacts are passed at once, so that what shifts them bends every way to the truth.
 #include <cmath>
 #include <string>
-#include <utility>
-#include <vector>
 
-#include "sim/diagnosis/diagnosis.hpp"
-#include "sim/diagnosis/synthetic.hpp"
-#include "tests/support/catch.hpp"
+#include "tests/support/records.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
+using namespace saltus::test;
 
 namespace {
-
-using Values = std::vector<std::pair<std::string, double>>;
 
 Campaign bounces() {
   Campaign c;
@@ -25,17 +20,7 @@ Campaign bounces() {
 }
 
 Record bounced(const Values& truth, std::uint64_t seed, const Campaign& c = bounces()) {
-  const auto m = make_machine("bouncing_ball");
-  std::vector<double> values;
-  REQUIRE(values_with(*m, truth, values));
-  Record r = synthesise(*m, values, c, seed);
-  REQUIRE(r.rows() > 0);
-  return r;
-}
-
-Diagnosis judged(const Record& r) {
-  const auto m = make_machine("bouncing_ball");
-  return diagnose(r, *m, {});
+  return emulated("bouncing_ball", truth, seed, c);
 }
 
 // This one alone, and as large as it is.
@@ -84,11 +69,5 @@ TEST_CASE("an effect that carries the impact across a section is found, not refu
 TEST_CASE("an input of the other sign is refused, for no parameters within their tolerances mend it", "[diagnose]") {
   Record r = bounced({{"e", 0.795}}, 36);
   for (double& u : r.inputs[0].values) u = -u;
-  const auto m = make_machine("bouncing_ball");
-  try {
-    diagnose(r, *m, {});
-    FAIL("was not refused");
-  } catch (const RecordError& e) {
-    CHECK(std::string(e.what()).find("reverse the sign") != std::string::npos);
-  }
+  refused(r, "reverse the sign");
 }

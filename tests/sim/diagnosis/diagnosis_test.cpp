@@ -6,9 +6,11 @@
 #include "sim/diagnosis/json.hpp"
 #include "sim/diagnosis/synthetic.hpp"
 #include "tests/support/catch.hpp"
+#include "tests/support/records.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
+using namespace saltus::test;
 
 namespace {
 
@@ -32,30 +34,8 @@ Campaign longer_campaign() {
   return c;
 }
 
-Record made(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed,
-            const Campaign& c = short_campaign()) {
-  const auto m = make_machine("hopper");
-  std::vector<double> values;
-  REQUIRE(values_with(*m, truth, values));
-  Record r = synthesise(*m, values, c, seed);
-  REQUIRE(r.rows() > 0);
-  return r;
-}
-Diagnosis judged(const Record& r, const Options& options = {}) {
-  const auto m = make_machine("hopper");
-  return diagnose(r, *m, options);
-}
-// Refused with these words in the message.
-void refused(const Record& r, const std::string& words) {
-  CAPTURE(words);
-  const auto m = make_machine("hopper");
-  try {
-    diagnose(r, *m, {});
-    FAIL("was not refused");
-  } catch (const RecordError& e) {
-    CAPTURE(e.what());
-    CHECK(std::string(e.what()).find(words) != std::string::npos);
-  }
+Record made(const Values& truth, std::uint64_t seed, const Campaign& c = short_campaign()) {
+  return emulated("hopper", truth, seed, c);
 }
 
 }  // namespace

@@ -4,29 +4,24 @@
 #include <numbers>
 
 #include "core/random.hpp"
-#include "sim/diagnosis/diagnosis.hpp"
-#include "sim/diagnosis/synthetic.hpp"
-#include "tests/support/catch.hpp"
+#include "tests/support/records.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
+using namespace saltus::test;
 
 namespace {
 
 // Five seconds of a pendulum that a chirp of torque drives, 0.5 mrad and 10 mrad/s of noise.
-Record swings(const std::vector<std::pair<std::string, double>>& truth, std::uint64_t seed) {
+Record swings(const Values& truth, std::uint64_t seed) {
   constexpr double spacing = 0.004, slowest = 0.3, fastest = 2.5, length = 5.0;  // [s], [Hz], [Hz], [s]
-  const auto m = make_machine("pendulum");
-  std::vector<double> values;
-  REQUIRE(values_with(*m, truth, values));
   std::vector<double> t, u;
   for (int i = 0; i < static_cast<int>(length / spacing); ++i) {
     const double now = spacing * i;
     t.push_back(now);
     u.push_back(1.4 * std::sin(2.0 * std::numbers::pi * (slowest + 0.5 * (fastest - slowest) * now / length) * now));
   }
-  const Response y = m->values_only(values, Course{t, u, 0, 0.5 * spacing}, Start{0, {0.1, -1.7}});
-  REQUIRE(usable(y.status));
+  const auto y = outputs_of("pendulum", truth, t, u, 0.5 * spacing, Start{0, {0.1, -1.7}});
   Record r;
   r.name = "swings";
   r.model = "pendulum";
@@ -37,14 +32,10 @@ Record swings(const std::vector<std::pair<std::string, double>>& truth, std::uin
     r.experiment.push_back(0);
     r.t.push_back(t[i]);
     r.inputs[0].values.push_back(u[i]);
-    r.outputs[0].values.push_back(y.y[2 * i] + 5e-4 * random.normal());
-    r.outputs[1].values.push_back(y.y[2 * i + 1] + 1e-2 * random.normal());
+    r.outputs[0].values.push_back(y[2 * i] + 5e-4 * random.normal());
+    r.outputs[1].values.push_back(y[2 * i + 1] + 1e-2 * random.normal());
   }
   return r;
-}
-Diagnosis judged(const Record& r) {
-  const auto m = make_machine("pendulum");
-  return diagnose(r, *m, {});
 }
 // Both of these and nothing else, each within the wider half of an interval of 99.9 %.
 void both(const Diagnosis& d, const std::string& one, double size, const std::string& other, double other_size) {

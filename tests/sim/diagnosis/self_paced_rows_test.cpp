@@ -4,22 +4,19 @@
 #include <numbers>
 
 #include "core/random.hpp"
-#include "sim/diagnosis/diagnosis.hpp"
 #include "sim/diagnosis/spikes.hpp"
 #include "sim/diagnosis/stretches.hpp"
-#include "sim/diagnosis/synthetic.hpp"
 #include "tests/support/catch.hpp"
+#include "tests/support/records.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
+using namespace saltus::test;
 
 namespace {
 
 // A leg on a bench, driven by two tones, with what it has beside its model. Of its rows the share `lost` is missing.
-Record leg(const std::vector<std::pair<std::string, double>>& truth, double seconds, double lost, std::uint64_t seed) {
-  const auto m = make_machine("leg_bench");
-  std::vector<double> values;
-  REQUIRE(values_with(*m, truth, values));
+Record leg(const Values& truth, double seconds, double lost, std::uint64_t seed) {
   Random random(seed);
   std::vector<double> t, u;
   for (int i = 0; i < static_cast<int>(std::lround(seconds / 0.005)); ++i) {
@@ -27,8 +24,7 @@ Record leg(const std::vector<std::pair<std::string, double>>& truth, double seco
     t.push_back(now);
     u.push_back(3.0 * std::sin(5.0 * now) + 2.5 * std::sin(8.1 * now + 1.0));
   }
-  const Response y = m->values_only(values, Course{t, u, 0, 0.0025}, Start{0, {0.6, 0.0}});
-  REQUIRE(usable(y.status));
+  const auto y = outputs_of("leg_bench", truth, t, u, 0.0025, Start{0, {0.6, 0.0}});
   Record r;
   r.name = "leg";
   r.model = "leg_bench";
@@ -40,14 +36,9 @@ Record leg(const std::vector<std::pair<std::string, double>>& truth, double seco
     r.experiment.push_back(0);
     r.t.push_back(t[i]);
     r.inputs[0].values.push_back(u[i]);
-    r.outputs[0].values.push_back(y.y[i] + noise);
+    r.outputs[0].values.push_back(y[i] + noise);
   }
   return r;
-}
-
-Diagnosis concluded(const Record& r, const Options& o = {}) {
-  const auto m = make_machine(r.model);
-  return diagnose(r, *m, o);
 }
 
 double value_of(const Diagnosis& d, const std::string& name) {
@@ -64,7 +55,7 @@ TEST_CASE("a tenth of the rows lost: the stretches stay whole and the frictions 
   const Stretches s = cut_into_stretches(r, *make_machine("leg_bench"), {});
   CHECK(s.origin.size() <= 13);
   CHECK(s.origin.back().end > 23.5);
-  const Diagnosis d = concluded(r);
+  const Diagnosis d = judged(r);
   CHECK(d.verdict == Verdict::effect_found);
   CHECK(d.effects.size() == 2);
   CHECK(std::abs(value_of(d, "viscous_damper@hip") - 0.0015) < 3e-4);
@@ -75,7 +66,7 @@ TEST_CASE("a tenth of the rows lost: the stretches stay whole and the frictions 
 TEST_CASE("four seconds are enough to say how well a model with what was found elsewhere predicts", "[self-paced]") {
   Options o;
   o.set = {{"viscous_damper@hip", 0.0015}, {"coulomb_friction@hip", 0.006}};
-  const Diagnosis with = concluded(leg(o.set, 4.2, 0.0, 8), o), without = concluded(leg(o.set, 4.2, 0.0, 8));
+  const Diagnosis with = judged(leg(o.set, 4.2, 0.0, 8), o), without = judged(leg(o.set, 4.2, 0.0, 8));
   CHECK(with.effects.empty());
   CHECK((with.verdict == Verdict::no_discrepancy || with.verdict == Verdict::parameters_only));
   REQUIRE_FALSE(with.self_paced.runs.empty());
@@ -85,7 +76,7 @@ TEST_CASE("four seconds are enough to say how well a model with what was found e
 }
 
 TEST_CASE("dry friction and a constant torque are not called a friction that pushes one way", "[self-paced]") {
-  const Diagnosis d = concluded(leg({{"coulomb_friction@hip", 0.004}, {"constant_force@hip", 0.008}}, 24.0, 0.0, 9));
+  const Diagnosis d = judged(leg({{"coulomb_friction@hip", 0.004}, {"constant_force@hip", 0.008}}, 24.0, 0.0, 9));
   CHECK(d.verdict == Verdict::effect_found);
   CHECK(std::abs(value_of(d, "coulomb_friction@hip") - 0.004) < 4e-4);
   CHECK(std::isnan(value_of(d, "asymmetric_coulomb@hip")));
@@ -104,7 +95,7 @@ TEST_CASE("single values far from their neighbours are left out and counted, and
   Record clean = r;
   CHECK(take_out_spikes(clean) == struck.size());
   for (const std::size_t i : struck) CHECK(std::isnan(clean.outputs[0].values[i]));
-  const Diagnosis d = concluded(r);
+  const Diagnosis d = judged(r);
   CHECK(d.quality.outliers == struck.size());
   CHECK(d.quality.missing == 0);
   CHECK(d.verdict == Verdict::effect_found);

@@ -8,9 +8,11 @@
 #include "sim/diagnosis/stretches.hpp"
 #include "sim/diagnosis/synthetic.hpp"
 #include "tests/support/catch.hpp"
+#include "tests/support/records.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
+using namespace saltus::test;
 
 namespace {
 
@@ -40,10 +42,7 @@ Record part(const Record& r, int first, int last) {
 }
 
 // A leg on a bench, driven by two tones, with what it has beside its model; time stamps jitter.
-Record bench(const std::vector<std::pair<std::string, double>>& truth, double seconds, std::uint64_t seed) {
-  const auto m = make_machine("leg_bench");
-  std::vector<double> values;
-  REQUIRE(values_with(*m, truth, values));
+Record bench(const Values& truth, double seconds, std::uint64_t seed) {
   Random random(seed);
   std::vector<double> t, u;
   double now = 0.0;
@@ -59,17 +58,11 @@ Record bench(const std::vector<std::pair<std::string, double>>& truth, double se
   r.outputs = {{"angle", "rad", {}}};
   r.t = t;
   r.experiment.assign(t.size(), 0);
-  const Response y = m->values_only(values, Course{t, u, 0, 0.0025}, Start{0, {0.6, 0.0}});
-  REQUIRE(usable(y.status));
-  for (const double v : y.y) r.outputs[0].values.push_back(v + 1e-3 * random.normal());
+  for (const double v : outputs_of("leg_bench", truth, t, u, 0.0025, Start{0, {0.6, 0.0}}))
+    r.outputs[0].values.push_back(v + 1e-3 * random.normal());
   return r;
 }
 
-Diagnosis judged(const Record& r, const Options& o = {}) {
-  const auto m = make_machine(r.model);
-  REQUIRE(m != nullptr);
-  return diagnose(r, *m, o);
-}
 const Finding* found(const Diagnosis& d, const std::string& name) {
   const auto it = std::find_if(d.effects.begin(), d.effects.end(), [&](const Finding& f) { return f.name == name; });
   return it == d.effects.end() ? nullptr : &*it;
