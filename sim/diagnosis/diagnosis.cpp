@@ -247,7 +247,7 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   list_data(d, q);
 
   progress(0.9, "drawing");
-  locate(d, q.p, q.all, a.refit);
+  locate(d, q.p, q.all, a.refit, search.limit_z());
   draw(d, q.p, q.all, q.declared, a.refit, a.final_fit(d.verdict));
   if (d.separate.empty() && (!a.ties.empty() || d.verdict == Verdict::ambiguous))
     d.separate = separating_experiment(d, q.p, q.all, search, a.chosen);

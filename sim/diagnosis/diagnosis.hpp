@@ -93,7 +93,9 @@ struct Twin {
 // A force over the turn of the clock at one port, from the refitted baseline's residual.
 struct Profile {
   std::string port, unit;
+  std::vector<std::string> knots;           // coefficients, one a phase
   std::vector<double> phase, force, error;  // [turn], [unit]
+  std::vector<double> limit;                // [unit] what would be seen at each phase, by itself; not a number: none
   double explained = 0.0;                   // fall of chi^2
 };
 

@@ -151,6 +151,7 @@ nlohmann::json to_json(const Diagnosis& d) {
                                    {"phase", p.phase},
                                    {"force", p.force},
                                    {"sigma", p.error},
+                                   {"limit", p.limit},
                                    {"explained", p.explained}});
   }
   j["views"] = {{"declared", views_json(d.views_declared)},

@@ -5,12 +5,15 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 
 #include "core/spectrum/twiddles.hpp"
 
 namespace saltus::diagnosis {
 namespace {
+
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
 
 Eigen::VectorXd predicted(const Problem& p, int index, const Fit& f) {
   const auto k = static_cast<std::size_t>(index);
@@ -36,7 +39,7 @@ Complex line(const Eigen::VectorXd& x, Eigen::Index ny, Eigen::Index j, long k) 
 
 }  // namespace
 
-void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& refit) {
+void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& refit, double limit_z) {
   const Machine& m = *p.machine;
   std::vector<int> knots;
   std::map<std::string, std::vector<int>> ports;
@@ -46,8 +49,9 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
     ports[m.coefficients[i].profile_of].push_back(static_cast<int>(i));
   }
   if (knots.empty()) return;
+  const Signatures shape = signatures(p, segments, refit, knots);
   // What parameters could imitate is not shown: the tolerances are widened until only the data decide.
-  const Evidence e = evidence(p, segments, refit, knots, 100.0);
+  const Evidence e = weigh(p, segments, refit, shape, 100.0), beside_tolerances = weigh(p, segments, refit, shape);
   const auto orbit = m.cycle(refit.values, 60, p.data->sections);
   for (const Start& s : orbit) d.charts.push_back(m.charts[static_cast<std::size_t>(s.chart)]);
   for (const auto& [port, list] : ports) {
@@ -80,9 +84,13 @@ void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, co
     q.unit = m.coefficients[static_cast<std::size_t>(list.front())].unit;
     q.explained = 2.0 * b.dot(force) - force.dot(I * force);
     for (Eigen::Index i = 0; i < n; ++i) {
+      const int knot = list[static_cast<std::size_t>(i)];
+      const auto a = beside_tolerances.find(knot);
+      q.knots.push_back(m.coefficients[static_cast<std::size_t>(knot)].name);
       q.phase.push_back(static_cast<double>(i) / static_cast<double>(n));
       q.force.push_back(force[i]);
       q.error.push_back(std::sqrt(std::max(0.0, spread[i])));
+      q.limit.push_back(beside_tolerances.usable(a) ? limit_z * beside_tolerances.error[a] : nan);
     }
     d.profiles.push_back(std::move(q));
   }

@@ -7,7 +7,8 @@
 namespace saltus::diagnosis {
 
 // The force at each port over the turn of the clock that the residual of a fit asks for; fills where and profiles.
-void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& refit);
+// `limit_z`: by how many standard errors a force that is seen is off.
+void locate(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& refit, double limit_z);
 
 // Mean-cycle residuals and frequency responses.
 void draw(Diagnosis& d, const Problem& p, const std::vector<int>& segments, const Fit& declared, const Fit& refit,
