@@ -176,14 +176,37 @@ Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const
     const double z = search.beyond_mean_cycle(a.chosen, e);
     if (!(z < shown)) continue;
     const std::string effect = name_of(q.machine, e);
-    a.in_mean_cycle.push_back(e);
+    a.doubted.push_back(e);
     d.notes.push_back("The response to stimuli shows " + effect + " by " + text(z, "%.1f") +
                       " standard errors only, the rest is seen in the mean cycle: a force that repeats with the cycle "
                       "(periodic_force) would explain it as well.");
     d.separate = "To tell " + effect + " from a force that repeats with the cycle: stimuli of " +
                  (z > 0.5 ? text(2.0 * shown / z, "%.2g") + " times the amplitude." : "several times the amplitude.");
   }
-  return a.in_mean_cycle.empty() ? Verdict::effect_found : Verdict::ambiguous;
+  return a.doubted.empty() ? Verdict::effect_found : Verdict::ambiguous;
+}
+
+// What is found beside a declared parameter far off, and mostly does what parameters do, may be there to make up for
+// it: a force of no law at all that parameters imitate badly looks so.
+Verdict look_at_parameters(Diagnosis& d, const Question& q, Answer& a) {
+  constexpr double far = 3.0, own = 0.5;  // [-] tolerances, and of its signature, that no parameters imitate
+  if (!(farthest_off(q.p, a.chosen.fit) > far)) return d.verdict;
+  std::vector<int> doubted;
+  const Evidence& e = a.before.evidence;
+  for (const int c : a.chosen.effects) {
+    const auto i = e.find(c);
+    if (i >= 0 && e.kept[i] < own) doubted.push_back(c);
+  }
+  if (doubted.empty()) return d.verdict;
+  d.notes.push_back("Beside " + listed(names_of(q.machine, doubted)) +
+                    " a declared parameter is far from its value: a cause that is no candidate, as a force that "
+                    "repeats with the cycle (periodic_force), may have moved both.");
+  if (d.separate.empty())
+    d.separate = "To tell whether that parameter is so far off: measure it by itself, and say how well (--tolerance).";
+  for (const int c : doubted) {
+    if (!has(a.doubted, c)) a.doubted.push_back(c);
+  }
+  return Verdict::ambiguous;
 }
 
 // A declared parameter that was said to be exact is not an effect.
@@ -238,6 +261,7 @@ Diagnosis diagnose_paced(const Record& record, const Machine& machine, const Opt
   if (d.verdict == Verdict::effect_found && parameters_alone(machine, a.chosen.effects))
     d.verdict = Verdict::parameters_only;
   if (d.verdict == Verdict::effect_found) d.verdict = look_beyond_mean_cycle(d, q, a, search);
+  if (d.verdict == Verdict::effect_found || d.verdict == Verdict::ambiguous) d.verdict = look_at_parameters(d, q, a);
 
   list_findings(d, q, a);
   list_parameters(d, q, a);

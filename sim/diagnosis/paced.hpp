@@ -45,7 +45,7 @@ struct Answer {
   std::vector<Search::Swap> swaps;
   std::vector<Search::Interval> intervals;  // of the effects found
   std::vector<std::pair<int, int>> ties;    // effect chosen, its twin
-  std::vector<int> in_mean_cycle;           // effects chosen that nothing but the mean cycle shows
+  std::vector<int> doubted;                 // effects chosen in whose place any force that repeats may be
   Fit held_refit, held_after;               // the held-out part predicted; empty where there is none
 
   // What the verdict stands for: with the effects where they explain the record.

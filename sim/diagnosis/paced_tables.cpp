@@ -63,7 +63,7 @@ void list_findings(Diagnosis& d, const Question& q, const Answer& a) {
     for (const auto& [mine, other] : a.ties) {
       if (mine == c) f.ties.push_back(name_of(q.machine, other));
     }
-    if (has(a.in_mean_cycle, c)) f.ties.push_back("periodic_force");
+    if (has(a.doubted, c)) f.ties.push_back("periodic_force");
     d.effects.push_back(std::move(f));
   }
   d.views_after = a.after.views;

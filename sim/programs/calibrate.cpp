@@ -71,12 +71,12 @@ bool same(const Diagnosis& d, const std::set<std::string>& truth) {
   }
   return true;
 }
-// A cause that no candidate is, and an answer that says so beside the one it names: it may be any force that repeats.
+// Whether an answer says that it may be no law of the library, but some force that repeats with the cycle.
 bool no_law(const Diagnosis& d) {
   const auto any_force = [](const std::string& name) { return name.starts_with("periodic_force"); };
-  return d.verdict == Verdict::ambiguous && std::all_of(d.effects.begin(), d.effects.end(), [&](const Finding& f) {
-           return std::any_of(f.ties.begin(), f.ties.end(), any_force);
-         });
+  return std::all_of(d.effects.begin(), d.effects.end(), [&](const Finding& f) {
+    return any_force(f.name) || std::any_of(f.ties.begin(), f.ties.end(), any_force);
+  });
 }
 // The truth is the answer, or among what the answer calls equally good.
 bool tied(const Diagnosis& d, const std::set<std::string>& truth) {
