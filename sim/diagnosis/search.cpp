@@ -219,9 +219,10 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   }
   const bool none_is_it = left_by(best()) > 0.05 * (base().fit.chi2 - samples_);
   enlarge(progress);
-  if (p_.data->sections > 0 && !p_.data->wandering && !passes(best().fit)) {
-    // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
-    // gait.
+  // Nor are several. Of an effect that changes the charts the evidence near zero says little, and it may be another
+  // gait, of which the squares would tell.
+  const bool squares_tell = left_by(best()) > 3.0 * std::sqrt(2.0 * samples_);
+  if (p_.data->sections > 0 && !p_.data->wandering && squares_tell && !passes(best().fit)) {
     const std::vector<int> before = best().effects;
     for (const int c : candidates_) {
       if (!p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts()) continue;
@@ -330,8 +331,14 @@ void Search::enlarge(const std::function<void(double)>& progress) {
   }
 }
 
+// Is this the first time that a trial, as it is fitted now, is taken for the start of a set? It would come out the
+// same.
+bool Search::not_yet(const Trial& t, const std::vector<int>& set) {
+  return started_.insert({set, t.effects, t.fit.cost()}).second;
+}
+
 const Trial& Search::settle() {
-  if (best().effects.size() == 2) unite(best());
+  if (best().effects.size() == 2 && not_yet(best(), best().effects)) unite(best());
   // Backward: an effect that no longer earns its place goes.
   for (bool again = true; again;) {
     again = false;
@@ -364,12 +371,15 @@ const Trial& Search::settle() {
       const double own = off * off / b->fit.covariance(at, at);  // [-] of what its own error makes of it
       if (!(loss < bar) && !fewer.empty() && own < 4.0 * bar) {
         // Its own error says that the fit without it may have been trapped: once more, from here, by and by.
-        Fit f = b->fit;
-        for (const double part : {0.6, 0.3, 0.1, 0.0}) {
-          f.values[static_cast<std::size_t>(e)] = nominal + part * off;
-          f = fit(p_, segments_, f, fewer);
+        if (not_yet(*b, fewer)) {
+          Fit f = b->fit;
+          for (const double part : {0.6, 0.3, 0.1, 0.0}) {
+            f.values[static_cast<std::size_t>(e)] = nominal + part * off;
+            f = fit(p_, segments_, f, fewer);
+          }
+          store({fewer, f, 0.0, true});
         }
-        loss = store({fewer, f, 0.0, true}).fit.cost() - b->fit.cost();
+        loss = pool_.at(fewer).fit.cost() - b->fit.cost();
       }
       if (loss < bar || (!fewer.empty() && own < 4.0)) {  // or nothing is known of it, and the rest is trapped
         b = &pool_.at(fewer);

@@ -6,6 +6,7 @@
 #include <map>
 #include <set>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -132,6 +133,7 @@ class Search {
   void finish_near(double bic);
   Fit leapt(const Fit& from, const Fit& over) const;
   void unite(const Trial& t);
+  bool not_yet(const Trial& t, const std::vector<int>& set);
 
   const Problem& p_;
   std::vector<int> segments_, candidates_;
@@ -143,8 +145,9 @@ class Search {
   Fit declared_;  // declared values, with the starts that go with them
   std::map<std::vector<int>, Trial> pool_;
   std::vector<Repeating> asked_;
-  std::set<std::vector<int>> forces_;   // sets fitted that are such a force
-  std::set<std::vector<int>> retried_;  // fitted once more from a twin
+  std::set<std::vector<int>> forces_;                                         // sets fitted that are such a force
+  std::set<std::vector<int>> retried_;                                        // fitted once more from a twin
+  std::set<std::tuple<std::vector<int>, std::vector<int>, double>> started_;  // set, from which other, of what cost
   // Signatures are most of the work, and asked for more than once at the same fit.
   struct Known {
     std::vector<int> free;
