@@ -178,6 +178,31 @@ TEST_CASE("a bump of force that repeats with the cycle is no cosine", "[diagnose
   CHECK(d.effects.empty());
 }
 
+TEST_CASE("a bump of force on the foot shows from the limit that is said, and is no friction beside a g far off",
+          "[diagnose]") {
+  Campaign c = longer_campaign();
+  c.stimuli = 7;
+  const Diagnosis none = judged(made({}, 1, c));
+  REQUIRE(none.verdict == Verdict::no_discrepancy);
+  const std::string knot = "force_profile@foot/5";
+  double limit = 0.0;
+  for (const Profile& p : none.profiles) {
+    for (std::size_t i = 0; i < p.knots.size(); ++i) {
+      if (p.knots[i] == knot) limit = p.limit[i];
+    }
+  }
+  REQUIRE(limit > 0.0);
+  const Diagnosis below = judged(made({{knot, 0.2 * limit}}, 5007, c)),
+                  above = judged(made({{knot, 3.0 * limit}}, 5007, c));
+  CHECK(below.effects.empty());
+  CHECK(below.verdict != Verdict::unexplained);
+  CHECK((above.verdict == Verdict::unexplained || above.verdict == Verdict::ambiguous));
+  for (const Finding& f : above.effects) {
+    CAPTURE(f.name);
+    CHECK(std::any_of(f.ties.begin(), f.ties.end(), [](const auto& t) { return t.starts_with("periodic_force"); }));
+  }
+}
+
 TEST_CASE("noise as slow as the motion is no correction of a parameter", "[diagnose]") {
   Campaign c = short_campaign();
   c.colour = 0.9;
