@@ -56,6 +56,11 @@ struct Data {
   std::vector<std::string> notes;
 
   std::size_t outputs() const { return static_cast<std::size_t>(noise.size()); }
+  double measured() const {  // rows
+    double n = 0.0;
+    for (const Segment& s : segments) n += s.measured();
+    return n;
+  }
 };
 
 // Samples `from` to `to` of a segment, counted from its first output, with as much of the input's history as there is,

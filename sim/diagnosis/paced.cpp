@@ -90,8 +90,7 @@ Question::Question(const Record& record, const Machine& m, const Options& option
   p.h_slope = std::min(spacing, 4.0 * p.h_max);
 
   for (std::size_t i = 0; i < data.segments.size(); ++i) all.push_back(static_cast<int>(i));
-  double rows = 0.0;
-  for (const Segment& s : data.segments) rows += s.measured();
+  const double rows = data.measured();
   const double unknowns = static_cast<double>(machine.declared) + static_cast<double>(all.size()) * machine.starts();
   if (rows < 5.0 * unknowns) {
     throw RecordError(record.name,

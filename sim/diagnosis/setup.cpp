@@ -110,10 +110,13 @@ double choose_step(const Problem& p, const Fit& f, double trifle) {
 }
 
 double finer_step(const Problem& p, const Fit& f) {
-  constexpr double told = 1.0, little = 0.3;  // [-] of chi squared
+  // [-] of chi squared, and of what the fit leaves of it over the noise: where much is left steps are not what is
+  // amiss.
+  constexpr double told = 1.0, little = 0.3, of_left = 0.05;
   if (p.h_max <= std::ldexp(spacing_of_last(p), -most_halvings)) return p.h_max;
   const Response fine = run_last(p, f, 0.5 * p.h_max), coarse = run_last(p, f, p.h_max);
-  const bool fails = usable(fine.status) && usable(coarse.status) && change(p, fine, coarse) > told;
+  const double much = std::max(told, of_left * (f.chi2 - p.data->measured()));
+  const bool fails = usable(fine.status) && usable(coarse.status) && change(p, fine, coarse) > much;
   return fails ? std::min(choose_step(p, f, little), 0.5 * p.h_max) : p.h_max;
 }
 
