@@ -190,9 +190,11 @@ Verdict look_beyond_mean_cycle(Diagnosis& d, const Question& q, Answer& a, const
 // it: a force of no law at all that parameters imitate badly looks so.
 Verdict look_at_parameters(Diagnosis& d, const Question& q, Answer& a) {
   constexpr double far = 3.0, own = 0.5;  // [-] tolerances, and of its signature, that no parameters imitate
-  if (!(farthest_off(q.p, a.chosen.fit) > far)) return d.verdict;
-  std::vector<int> doubted;
+  constexpr double clear = 30.0;          // [-] standard errors that no chance likeness makes up for
   const Evidence& e = a.before.evidence;
+  const bool is_clear = a.refit.cost() - a.chosen.fit.cost() > clear * clear * std::max(1.0, e.inflation);
+  if (is_clear || !(farthest_off(q.p, a.chosen.fit) > far)) return d.verdict;
+  std::vector<int> doubted;
   for (const int c : a.chosen.effects) {
     const auto i = e.find(c);
     if (i >= 0 && e.kept[i] < own) doubted.push_back(c);

@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <stdexcept>
 
 #include "../format.hpp"
@@ -191,6 +192,22 @@ std::string profile_figure(const Diagnosis& d) {
   return drawn(figure);
 }
 
+// By port, over the phases at which parameters do not imitate such a force.
+std::string limits_of_bumps(const Diagnosis& d) {
+  std::vector<std::string> ports;
+  for (const Profile& q : d.profiles) {
+    double least = std::numeric_limits<double>::infinity(), most = 0.0;
+    for (const double limit : q.limit) {
+      if (!(limit > 0.0)) continue;
+      least = std::min(least, limit);
+      most = std::max(most, limit);
+    }
+    if (most > 0.0)
+      ports.push_back(format("%.2g to %.2g %s at %s", least, most, q.unit.c_str(), escaped(q.port).c_str()));
+  }
+  return listed(ports);
+}
+
 std::string self_paced_section(const Diagnosis& d) {
   std::string h =
       "<h2>Free runs</h2>\n<p>Each run starts where the record is, is driven as recorded and left alone; what the "
@@ -329,6 +346,8 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
       h += format(" Largest at <b>%s</b>, chart <b>%s</b>, between %.2f and %.2f of the cycle.",
                   escaped(d.where.port).c_str(), escaped(d.where.chart).c_str(), d.where.from, d.where.to);
     }
+    const std::string limits = limits_of_bumps(d);
+    if (!limits.empty()) h += " Of a force at one phase alone, the least that would be seen is " + limits + ".";
     h += "</p>\n" + profile;
   }
   const std::string response = response_figure(d);

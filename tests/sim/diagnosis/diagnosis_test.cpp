@@ -303,7 +303,6 @@ TEST_CASE("a little more than noise beside a large effect is said, and does not 
   REQUIRE(d.effects.size() == 1);
   CHECK(d.effects[0].name == "viscous_damper@leg");
   CHECK(std::abs(d.effects[0].value - 1.0) < 0.05);
-  WARN(d.chi2_refit << " " << d.chi2_after << " " << d.expected << " " << name(d.verdict));
   bool said = false;
   for (const std::string& note : d.notes) said = said || note.find("What is left is more than noise") == 0;
   CHECK(said);
