@@ -193,18 +193,23 @@ Verdict look_at_parameters(Diagnosis& d, const Question& q, Answer& a) {
   constexpr double clear = 30.0;          // [-] standard errors that no chance likeness makes up for
   const Evidence& e = a.before.evidence;
   const bool is_clear = a.refit.cost() - a.chosen.fit.cost() > clear * clear * std::max(1.0, e.inflation);
-  if (is_clear || !(farthest_off(q.p, a.chosen.fit) > far)) return d.verdict;
   std::vector<int> doubted;
+  std::vector<std::string> astray;
+  for (std::size_t k = 0; k < q.p.tolerance.size(); ++k) {
+    const Coefficient& c = q.machine.coefficients[k];
+    const double off = a.chosen.fit.values[k] - c.nominal;
+    if (q.p.tolerance[k] > 0.0 && std::abs(off) > far * q.p.tolerance[k]) astray.push_back(c.name);
+  }
   for (const int c : a.chosen.effects) {
     const auto i = e.find(c);
     if (i >= 0 && e.kept[i] < own) doubted.push_back(c);
   }
-  if (doubted.empty()) return d.verdict;
-  d.notes.push_back("Beside " + listed(names_of(q.machine, doubted)) +
-                    " a declared parameter is far from its value: a cause that is no candidate, as a force that "
+  if (is_clear || astray.empty() || doubted.empty()) return d.verdict;
+  const std::string parameters = listed(astray);
+  d.notes.push_back("Beside " + listed(names_of(q.machine, doubted)) + ", " + parameters +
+                    " is far from its declared value: a cause that is no candidate, as a force that "
                     "repeats with the cycle (periodic_force), may have moved both.");
-  if (d.separate.empty())
-    d.separate = "To tell whether that parameter is so far off: measure it by itself, and say how well (--tolerance).";
+  if (d.separate.empty()) d.separate = "To tell: measure " + parameters + " by itself, and say how well (--tolerance).";
   for (const int c : doubted) {
     if (!has(a.doubted, c)) a.doubted.push_back(c);
   }
