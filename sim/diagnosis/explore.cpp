@@ -51,7 +51,8 @@ std::vector<double> Search::guesses(int added, double estimate, bool patient) co
   return {estimate, 10.0 * estimate, 3.0 * estimate};
 }
 
-const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient) {
+const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient,
+                             double needed) {
   const std::vector<int> set = with(from, added);
   const auto at = static_cast<std::size_t>(added);
   const Coefficient& c = p_.machine->coefficients[at];
@@ -87,7 +88,9 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
   }
   // At its nominal value, or worse than without it: it is not there.
   const bool absent = best.values[at] == c.nominal || (c.changes_charts() && !(best.cost() < cost_on(part, start)));
-  return absent ? dismiss(set) : complete(set, best, brief);
+  if (absent) return dismiss(set);
+  const double gain = needed > 0.0 ? (cost_on(part, start) - best.cost()) * samples_ / samples_of(part) : needed;
+  return gain < needed ? dismiss(set) : complete(set, best, brief);
 }
 
 // Of an effect that changes the charts the cost has small hollows: from larger and smaller values, with all else
@@ -160,10 +163,11 @@ void Search::grow(int added) {
 
 // What changes the charts, beside what is there already: its slope at nothing may not show that it is wanted.
 void Search::beside(const std::vector<int>& set) {
+  const double needed = needed_beside(pool_.at(set).fit);
   for (const int c : judged()) {
     const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts();
     if (!changes || pool_.count(with(set, c)) > 0 || passes(best().fit)) continue;
-    explore(set, pool_.at(set).fit, c, 0.0, true);
+    explore(set, pool_.at(set).fit, c, 0.0, true, needed);
   }
 }
 

@@ -44,26 +44,30 @@ const Trial& Search::best() const {
   return *b;
 }
 
-// Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early.
-void Search::finish_near(double bic) {
+// Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early. Three
+// effects or more that have converged, or fall by less than `most_needed` in a round, will not make up for that much.
+void Search::finish_near(double bic, double most_needed) {
   constexpr int most_rounds = 3;
   constexpr double slow = 100.0;  // [-] what one that ran out of iterations may still fall by
+  const auto needed = [&](const Trial& t) { return t.effects.size() > 2 ? most_needed : 0.0; };
   for (;;) {
     const double limit = best().bic + bic;
     const Trial* left = nullptr;
     for (const auto& [set, t] : pool_) {
-      const bool done = (t.thorough && t.fit.converged) || t.rounds >= most_rounds;
+      const bool done = ((t.thorough || needed(t) > bic) && t.fit.converged) || t.rounds >= most_rounds;
       if (!done && !(t.bic > limit + (t.fit.converged ? 0.0 : slow)) && (left == nullptr || t.bic < left->bic))
         left = &t;
     }
     if (left == nullptr) return;
     const std::vector<int> set = left->effects;
-    const int rounds = left->rounds + 1;
+    int rounds = left->rounds + 1;
     const Fit before = left->fit;
     store({set, fit(p_, segments_, before, set), 0.0, true});
     Trial& t = pool_.at(set);
-    if (!t.fit.converged && t.fit.cost() < before.cost() - 1.0)  // it creeps along a bent valley
+    const double least = std::max(1.0, needed(t));
+    if (!t.fit.converged && t.fit.cost() < before.cost() - least)  // it creeps along a bent valley
       store({set, fit(p_, segments_, leapt(before, t.fit), set), 0.0, true});
+    if (before.cost() - t.fit.cost() < needed(t)) rounds = most_rounds;
     t.thorough = true;
     t.rounds = rounds;
   }
@@ -151,6 +155,17 @@ Gate Search::look(const Fit& f) const {
   return g;
 }
 
+// What one more effect has to take away beside what leaves this much: a part of what no chance leaves in the view that
+// shows most of it, if any does.
+double Search::needed_beside(const Fit& f) const {
+  constexpr double hardly = 0.1;
+  double most = 0.0;
+  for (const View& v : look(f).views) {
+    if (!(v.p > view_level_)) most = std::max(most, v.freedom * (v.ratio - 1.0));
+  }
+  return hardly * most;
+}
+
 bool Search::passes(const Fit& f) const { return look(f).views_pass && gate(f).passes(); }
 
 Gate Search::gate(const Fit& f) const {
@@ -232,7 +247,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     if (best().effects != before) enlarge(progress);
   }
-  finish_near(30.0);
+  finish_near(30.0, needed_beside(best().fit));
   return settle();
 }
 
@@ -276,10 +291,9 @@ void Search::fit_likely_pairs() {
 // From the best sets of one effect to sets of two, and on, until the gate passes or nothing larger helps.
 void Search::enlarge(const std::function<void(double)>& progress) {
   constexpr std::size_t most_effects = 4;
-  constexpr double hardly = 0.1;  // [-] of what is left: too little for a third effect or a fourth
-  double left_before = std::numeric_limits<double>::infinity();
+  double left_before = std::numeric_limits<double>::infinity(), needed_before = left_before;
   for (std::size_t size = 1; size <= most_effects; ++size) {
-    finish_near(0.0);
+    finish_near(0.0, needed_beside(best().fit));
     Trial b = best();
     if (b.effects.size() < size) break;  // nothing larger helped
     if (passes(b.fit) || size == most_effects) break;
@@ -296,7 +310,10 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
     if (size > 1 && left > 0.15 * excess) break;
     if (size > 2 && left > 0.5 * left_before) break;
+    const double needed = needed_beside(b.fit);
+    if (needed > 0.9 * needed_before) break;
     left_before = left;
+    needed_before = needed;
     // From the best few sets of this size to the next.
     std::vector<const Trial*> sets;
     for (const auto& [set, t] : pool_) {
@@ -321,9 +338,9 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       if (i == likely && passes(best().fit)) break;
       const Lead& l = next[i];
       const bool patient = curved(l.added) && i < 3;
-      if (size > 1 && !curved(l.added) && l.gain < hardly * (pool_.at(l.from).fit.chi2 - samples_)) continue;
+      if (size > 1 && !curved(l.added) && l.gain < needed) continue;
       if (l.gain < 4.0 || (!patient && pool_.count(with(l.from, l.added)) > 0)) continue;
-      explore(l.from, pool_.at(l.from).fit, l.added, l.estimate, patient);
+      explore(l.from, pool_.at(l.from).fit, l.added, l.estimate, patient, needed);
       progress(0.4 + 0.1 * static_cast<double>(size) + 0.1 * static_cast<double>(i) / static_cast<double>(next.size()));
     }
     if (size == 1) beside(sets.front()->effects);
@@ -346,9 +363,13 @@ const Trial& Search::settle() {
     for (const int e : set) {
       if (set.size() < 2) break;
       const std::vector<int> smaller = without(set, e);
-      if (pool_.count(smaller) == 0) {
-        Fit f = pool_.at(set).fit;
-        f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+      if (pool_.count(smaller) > 0) continue;
+      Fit f = pool_.at(set).fit;
+      f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
+      const std::vector<int> part = few_and_rest().first;
+      if (far_behind(fit(p_, part, f, smaller, briefly), part)) {
+        dismiss(smaller);
+      } else {
         store({smaller, fit(p_, segments_, f, smaller), 0.0, true});
       }
     }

@@ -112,7 +112,9 @@ class Search {
   std::vector<double> guesses(int added, double estimate, bool patient) const;
   std::vector<Lead> leads_at(const Trial& t, const Evidence& e, std::size_t most) const;
   void enlarge(const std::function<void(double)>& progress);
-  const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient);
+  // `needed`: [-] of chi squared, what it has to take away to be of use.
+  const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient,
+                       double needed = 0.0);
   const Trial& complete(const std::vector<int>& set, Fit f, FitOptions options);
   const Trial& dismiss(const std::vector<int>& set);
   void grow(int added);
@@ -127,10 +129,11 @@ class Search {
   const Trial& store(Trial t);
   Gate look(const Fit& f) const;    // a gate's views alone
   bool passes(const Fit& f) const;  // the gate, without scores where the views tell enough
+  double needed_beside(const Fit& f) const;
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
-  void finish_near(double bic);
+  void finish_near(double bic, double most_needed = 0.0);
   Fit leapt(const Fit& from, const Fit& over) const;
   void unite(const Trial& t);
   bool not_yet(const Trial& t, const std::vector<int>& set);
