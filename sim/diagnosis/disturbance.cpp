@@ -13,6 +13,7 @@ namespace {
 constexpr double hardly = 0.01;    // [-] of how far the liveliest stretches move
 constexpr double window = 0.2;     // [s]
 constexpr double far_off = 12.0;   // [-] deviations
+constexpr double seen = 6.0;       // [-] standard errors of the force itself
 constexpr double accidents = 0.1;  // [-] share of windows; more is the model's fault
 
 // Windows in which the same may be expected: all; of a machine in steps those as far into the same chart.
@@ -95,12 +96,14 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
   const auto alike = alike_in(s, machine.in_steps);
   std::vector<bool> hit(all.size(), false);
   for (Eigen::Index c = 0; c < g.C.cols(); ++c) {
-    std::vector<double> force(all.size(), 0.0);
+    std::vector<double> force(all.size(), 0.0), error(all.size(), 0.0);
     for (std::size_t k = 0; k < all.size(); ++k) {
       const Eigen::Index end = k + 1 < all.size() ? g.offset[k + 1] : g.C.rows();
       const auto part = Eigen::seqN(g.offset[k], end - g.offset[k]);
       const double information = g.C(part, c).squaredNorm();
-      if (information > 0.0) force[k] = g.C(part, c).dot(g.r(part)) / information;
+      if (!(information > 0.0)) continue;
+      force[k] = g.C(part, c).dot(g.r(part)) / information;
+      error[k] = 1.0 / std::sqrt(information);
     }
     const double middle = median(force);
     std::vector<double> off;
@@ -111,8 +114,10 @@ std::vector<bool> touched(const Record& record, const Machine& machine, const Cu
       for (const std::size_t k : group) here.push_back(force[k]);
       const double expected = median(here);
       // What a model lacks may act in one part of a step, and is there in every step.
-      for (const std::size_t k : group)
-        hit[k] = hit[k] || (off[k] > far_off * usual && std::abs(force[k] - expected) > 0.5 * off[k]);
+      for (const std::size_t k : group) {
+        const double beyond = std::abs(force[k] - expected);
+        hit[k] = hit[k] || (off[k] > far_off * usual && beyond > 0.5 * off[k] && beyond > seen * error[k]);
+      }
     }
   }
   const auto count = std::count(hit.begin(), hit.end(), true);

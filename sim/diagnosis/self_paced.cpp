@@ -21,6 +21,7 @@ constexpr double clearly_better = 0.75;  // [-] of the free runs' error: an outp
 const std::string no_run = "it is too short, or everywhere an error of the start grows more than twentyfold.";
 constexpr double noise_like = 1.5;    // [-] of the sensors' noise: nothing is missing
 constexpr double quiet_enough = 1.2;  // [-] of the sensors' noise
+constexpr double surely = 1.5;        // [-] times the threshold: a score that no chance leaves
 
 bool is_candidate(const Machine& m, std::size_t i, const std::vector<double>& tolerance,
                   const std::vector<std::string>& patterns) {
@@ -73,6 +74,43 @@ double free_run_ratio(const Diagnosis& d, const Record& record, const Work& w, d
   return ratio;
 }
 
+// The candidate, of either sign, along which most is left, if that is more than chance leaves; else -1.
+int loudest(const Evidence& e, double threshold) {
+  Eigen::Index most = -1;
+  for (Eigen::Index i = 0; i < e.z.size(); ++i) {
+    if (!e.usable(i) || !(std::abs(e.z[i]) > surely * threshold)) continue;
+    if (most < 0 || std::abs(e.z[i]) > std::abs(e.z[most])) most = i;
+  }
+  return static_cast<int>(most);
+}
+
+// Where all but noise is said to be explained, nothing may be left along any candidate, nor may declared parameters be
+// far off: a cause that is no candidate would look so.
+void doubt(Diagnosis& d, const Work& w, const Found& f, bool quiet) {
+  constexpr double far = 5.0;  // [-] tolerances
+  const Machine& machine = *w.p.machine;
+  const int i = quiet ? loudest(f.left, d.threshold) : -1;
+  if (i >= 0) {
+    d.verdict = Verdict::unexplained;
+    d.notes.push_back("What is left is small, but no noise: along " +
+                      name_of(machine, f.left.candidate[static_cast<std::size_t>(i)]) + " it scores " +
+                      text(f.left.z[i], "%.1f") + ", and chance leaves " + text(d.threshold, "%.1f") + ".");
+  }
+  if (f.part.effects.empty() || !(farthest_off(w.p, f.part.fit) > far)) return;
+  d.verdict = Verdict::unexplained;
+  std::vector<std::string> astray;
+  for (std::size_t k = 0; k < w.p.tolerance.size(); ++k) {
+    const Coefficient& c = machine.coefficients[k];
+    if (w.p.tolerance[k] > 0.0 && std::abs(f.part.fit.values[k] - c.nominal) > far * w.p.tolerance[k])
+      astray.push_back(c.name);
+  }
+  d.notes.push_back("Nearest came " + listed(names_of(machine, f.part.effects)) + ", but only beside " +
+                    listed(astray) +
+                    " far from what is declared: a cause that is no candidate would look so, and so would columns "
+                    "in other units or of other sign. If declared values are not known that well, say so with "
+                    "--tolerance.");
+}
+
 // The verdict. `scale`: mean square of what the refitted model leaves; `gain`: of refitting, in -2 log likelihood.
 void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, double gain, double false_alarm) {
   const std::vector<int>& effects = f.part.effects;
@@ -120,6 +158,7 @@ void judge(Diagnosis& d, const Work& w, const Found& f, double scale_refit, doub
   } else {
     d.verdict = Verdict::unexplained;
   }
+  doubt(d, w, f, quiet || d.heldout.after < quiet_enough);
 }
 
 // The effects with their intervals and ties.
@@ -176,6 +215,15 @@ Diagnosis look(const Record& record, std::size_t spikes, const Machine& machine,
     throw RecordError(record.name, "no candidate has such a name", "leave --candidates out to see them all");
   lap("reading the record");
   progress(0.02, "fitting the declared model");
+
+  // Where there are some there are others that the record alone does not show.
+  std::size_t far = 0;
+  for (int round = 0; round < 3 && spikes > 0; ++round) {
+    const std::size_t more =
+        leave_out_far(data, w.lively, residuals(p, w.lively, fit(p, w.lively, declared_fit(p), {}, starts_alone)));
+    far += more;
+    if (more == 0) break;
+  }
 
   const std::vector<int> blocks = parts_of(w.train.size());
   Selection search(p, data, w.train, blocks, candidates, options.false_alarm);
@@ -308,11 +356,12 @@ Diagnosis look(const Record& record, std::size_t spikes, const Machine& machine,
   list_parameters(d, w, f);
   list_candidates(d, w, f);
   d.quality = data.quality;
-  d.quality.outliers = spikes;
+  d.quality.outliers = spikes + far;
   d.quality.missing -= std::min(d.quality.missing, spikes);
   if (d.quality.missing > 0) d.notes.push_back(std::to_string(d.quality.missing) + " values were missing.");
   if (spikes > 0)
-    d.notes.push_back(std::to_string(spikes) + " single values far from their neighbours were left out as outliers.");
+    d.notes.push_back(std::to_string(spikes + far) +
+                      " single values far from their neighbours were left out as outliers.");
   d.notes.insert(d.notes.end(), data.notes.begin(), data.notes.end());
   tell_self_paced(d);
   progress(1.0, "done");
@@ -337,22 +386,34 @@ bool surer(const Diagnosis& one, const Diagnosis& other) {
 
 // Where nothing but noise is left a longer stretch, whose start is one unknown as well, tells more: what a law does
 // adds up along it. Where the model itself errs, that adds up too, and short stretches are all that can be believed.
+// Of a machine in steps the longest is a step: what is found in parts of steps and does not explain whole ones is not
+// it.
 Diagnosis diagnose_self_paced(const Record& measured, Machine& machine, const Options& options) {
-  constexpr int most_times = 16, most_looks = 2;
+  constexpr int most_times = 16, parts_of_a_step = 4, most_looks = 2;
   constexpr std::size_t most_rows = 16000;  // a longer record tells enough as it is, and a second look takes as long
   declare(machine, options);
   Record record = measured;
   const std::size_t spikes = take_out_spikes(record);
   Diagnosis d = look(record, spikes, machine, options, options.stretch);
-  if (options.stretch > 0.0 || machine.in_steps || !(d.all.after < noise_like)) return d;
-  if (record.rows() > most_rows || (!d.effects.empty() && !d.self_paced.doubt)) return d;
-  for (int times = most_times, looks = 0; times > 1 && looks < most_looks; times /= 2) {
+  if (options.stretch > 0.0 || !(d.all.after < noise_like) || record.rows() > most_rows) return d;
+  if (!machine.in_steps && !d.effects.empty() && !d.self_paced.doubt) return d;
+  const auto count = [&](double length) {
+    Cut cut;
+    cut.length = length;
+    return cut_into_stretches(record, machine, cut).origin.size();
+  };
+  int looks = 0;
+  for (int times = machine.in_steps ? parts_of_a_step : most_times; times > 1 && looks < most_looks; times /= 2) {
+    const double length = times * d.self_paced.stretch;
     try {
-      Diagnosis longer = look(record, spikes, machine, options, times * d.self_paced.stretch);
+      if (machine.in_steps && count(length) == count(d.self_paced.stretch)) break;
+      Diagnosis longer = look(record, spikes, machine, options, length);
       ++looks;
-      const bool held_out = std::isfinite(longer.heldout.after);
-      const bool as_good = longer.all.after < no_worse * d.all.after && longer.verdict != Verdict::unexplained;
-      if (held_out && as_good && !surer(d, longer)) return longer;
+      if (!std::isfinite(longer.heldout.after)) continue;
+      const bool explained = longer.verdict != Verdict::unexplained;
+      const bool as_good = longer.all.after < no_worse * d.all.after && explained;
+      const bool refuted = machine.in_steps && !explained && !d.effects.empty();
+      if (refuted || (as_good && !surer(d, longer))) return longer;
     } catch (const RecordError&) {  // too few are that long
     }
   }

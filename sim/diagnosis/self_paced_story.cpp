@@ -98,7 +98,7 @@ void tell_self_paced(Diagnosis& d) {
           "That is %.1f %% of the excess over the noise that refitting alone leaves (%.1f %% of the declared model's).",
           100.0 * d.excess_explained, 100.0 * d.excess_explained_declared));
     }
-    if (!d.effects.empty() && !(d.excess_explained > 0.0)) {
+    if (!d.effects.empty() && !(d.excess_explained > 0.0) && !(d.heldout.after < d.heldout.refit)) {
       s.push_back("There what was found does not help: it is not to be relied on beyond what was fitted.");
     }
     if (d.heldout.after > 1.5) {

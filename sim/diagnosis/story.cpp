@@ -14,7 +14,7 @@ std::string verdict_sentence(const Diagnosis& d) {
     case Verdict::parameters_only:
       return "Verdict: parameters only. The declared model holds once its parameters are corrected.";
     case Verdict::effect_found:
-      return format("Verdict: effect found, %zu of %d candidates tried.", d.effects.size(), d.tried);
+      return format("Verdict: effect found, %zu of the %d candidates tried.", d.effects.size(), d.tried);
     case Verdict::ambiguous:
       return "Verdict: ambiguous. Several causes explain the record equally well.";
     case Verdict::unexplained:

@@ -104,6 +104,25 @@ TEST_CASE("single values far from their neighbours are left out and counted, and
   CHECK(d.heldout.after < 1.1);
 }
 
+TEST_CASE("values far from their neighbours' residual are left out, also next to one another", "[self-paced]") {
+  const std::vector<Eigen::Index> struck{20, 21, 57, 60, 93};
+  Data data;
+  data.noise = Eigen::VectorXd::Constant(1, 0.1);
+  data.segments.resize(2);
+  std::vector<Eigen::VectorXd> residual(2, Eigen::VectorXd(120));
+  Random random(5);
+  for (std::size_t k = 0; k < 2; ++k) {
+    data.segments[k].count = Eigen::VectorXd::Ones(120);
+    for (Eigen::Index i = 0; i < 120; ++i)  // a model's own error is smooth, and much larger
+      residual[k][i] = 30.0 * std::sin(0.03 * static_cast<double>(i)) + 0.1 * random.normal();
+  }
+  for (const Eigen::Index i : struck) residual[1][i] += 12.0;
+  CHECK(leave_out_far(data, {0, 1}, residual) == struck.size());
+  CHECK(data.segments[0].count.minCoeff() == 1.0);
+  for (const Eigen::Index i : struck) CHECK(data.segments[1].count[i] == 0.0);
+  CHECK(data.segments[1].count.sum() == 115.0);
+}
+
 TEST_CASE("a step, a turn counted anew and an end are no spikes", "[self-paced]") {
   Record r = leg({}, 4.0, 0.0, 3);
   auto& y = r.outputs[0].values;

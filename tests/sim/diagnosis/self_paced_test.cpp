@@ -9,6 +9,7 @@
 #include "sim/diagnosis/synthetic.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/records.hpp"
+#include "tests/support/walks.hpp"
 
 using namespace saltus;
 using namespace saltus::diagnosis;
@@ -58,7 +59,7 @@ Record bench(const Values& truth, double seconds, std::uint64_t seed) {
   r.outputs = {{"angle", "rad", {}}};
   r.t = t;
   r.experiment.assign(t.size(), 0);
-  for (const double v : outputs_of("leg_bench", truth, t, u, 0.0025, Start{0, {0.6, 0.0}}))
+  for (const double v : outputs_of("leg_bench", truth, t, u, 0.0025, diagnosis::Start{0, {0.6, 0.0}}))
     r.outputs[0].values.push_back(v + 1e-3 * random.normal());
   return r;
 }
@@ -188,9 +189,37 @@ TEST_CASE("three experiments of the walk: of two frictions as likely it is the o
   CHECK(f.data == "held out");
   CHECK(f.after[0] < 0.9 * f.refit[0]);
   bool said = false;
-  for (const Step& t : d.self_paced.steps)
+  for (const diagnosis::Step& t : d.self_paced.steps)
     said = said || (t.taken && t.instead == "viscous_damper@hip" && t.free_run < 0.9);
   CHECK(said);
+}
+
+TEST_CASE("a walk whose hip was recorded with the other sign: no cause is claimed beside parameters far off",
+          "[self-paced][measured]") {
+  Record r = part(measured("compass-gait-walking.csv"), 0, 2);
+  const auto hip = std::find_if(r.outputs.begin(), r.outputs.end(), [](const auto& c) { return c.name == "hip"; });
+  REQUIRE(hip != r.outputs.end());
+  for (double& v : hip->values) v = -v;
+  const Diagnosis d = judged(r);
+  CHECK(d.verdict == Verdict::unexplained);
+  CHECK(d.effects.empty());
+  CHECK(std::any_of(d.notes.begin(), d.notes.end(),
+                    [](const std::string& n) { return n.find("of other sign") != std::string::npos; }));
+}
+
+TEST_CASE("a walk measured by an encoder that is not linear: what is left is small, and still no noise",
+          "[self-paced]") {
+  Walks w;
+  w.experiments = 8;
+  w.sigma = 1e-3;
+  for (const double curved : {0.0, 0.08}) {  // [1/rad]
+    CAPTURE(curved);
+    Record r = walks_of(CompassGait<>{}, w);
+    for (double& v : r.outputs[0].values) v += curved * v * v;
+    const Diagnosis d = judged(r);
+    CHECK(d.heldout.refit < 1.5);
+    CHECK(d.verdict == (curved > 0.0 ? Verdict::unexplained : Verdict::no_discrepancy));
+  }
 }
 
 TEST_CASE("friction of the bench, declared on the walker: nothing of the kind is missing any more",
