@@ -194,12 +194,7 @@ Verdict look_at_parameters(Diagnosis& d, const Question& q, Answer& a) {
   const Evidence& e = a.before.evidence;
   const bool is_clear = a.refit.cost() - a.chosen.fit.cost() > clear * clear * std::max(1.0, e.inflation);
   std::vector<int> doubted;
-  std::vector<std::string> astray;
-  for (std::size_t k = 0; k < q.p.tolerance.size(); ++k) {
-    const Coefficient& c = q.machine.coefficients[k];
-    const double off = a.chosen.fit.values[k] - c.nominal;
-    if (q.p.tolerance[k] > 0.0 && std::abs(off) > far * q.p.tolerance[k]) astray.push_back(c.name);
-  }
+  const std::vector<std::string> astray = off_by_more(q.p, a.chosen.fit, far);
   for (const int c : a.chosen.effects) {
     const auto i = e.find(c);
     if (i >= 0 && e.kept[i] < own) doubted.push_back(c);

@@ -86,11 +86,11 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     if (f.cost() < best.cost()) best = std::move(f);
     if (same) break;
   }
+  const double gain = c.changes_charts() || needed > 0.0 ? cost_on(part, start) - best.cost() : 0.0;
   // At its nominal value, or worse than without it: it is not there.
-  const bool absent = best.values[at] == c.nominal || (c.changes_charts() && !(best.cost() < cost_on(part, start)));
-  if (absent) return dismiss(set);
-  const double gain = needed > 0.0 ? (cost_on(part, start) - best.cost()) * samples_ / samples_of(part) : needed;
-  return gain < needed ? dismiss(set) : complete(set, best, brief);
+  const bool absent = best.values[at] == c.nominal || (c.changes_charts() && !(gain > 0.0));
+  const bool useless = needed > 0.0 && gain * samples_ / samples_of(part) < needed;
+  return absent || useless ? dismiss(set) : complete(set, best, brief);
 }
 
 // Of an effect that changes the charts the cost has small hollows: from larger and smaller values, with all else

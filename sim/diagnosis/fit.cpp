@@ -173,6 +173,15 @@ double farthest_off(const Problem& p, const Fit& f) {
   return most;
 }
 
+std::vector<std::string> off_by_more(const Problem& p, const Fit& f, double far) {
+  std::vector<std::string> names;
+  for (std::size_t k = 0; k < p.tolerance.size(); ++k) {
+    const Coefficient& c = p.machine->coefficients[k];
+    if (p.tolerance[k] > 0.0 && std::abs(f.values[k] - c.nominal) > far * p.tolerance[k]) names.push_back(c.name);
+  }
+  return names;
+}
+
 bool sensible(const Machine& machine, const Fit& f) {
   const auto& all = machine.coefficients;
   for (std::size_t i = 0; i < all.size(); ++i) {

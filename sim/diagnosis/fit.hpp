@@ -53,6 +53,8 @@ Fit with_fixed(Fit f, int coefficient);
 
 // [-] By how many tolerances the declared parameter farthest off is off.
 double farthest_off(const Problem& p, const Fit& f);
+// The names of those that are farther off than `far` tolerances.
+std::vector<std::string> off_by_more(const Problem& p, const Fit& f, double far);
 
 // Could it be? A friction that is less one way than the other must still oppose the motion both ways.
 bool sensible(const Machine& machine, const Fit& f);

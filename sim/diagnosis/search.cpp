@@ -45,11 +45,15 @@ const Trial& Search::best() const {
 }
 
 // Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early. Three
-// effects or more that have converged, or fall by less than `most_needed` in a round, will not make up for that much.
-void Search::finish_near(double bic, double most_needed) {
+// effects or more that have converged, or fall in a round by less than one more would have to, will not make up for
+// that.
+void Search::finish_near(double bic) {
   constexpr int most_rounds = 3;
   constexpr double slow = 100.0;  // [-] what one that ran out of iterations may still fall by
-  const auto needed = [&](const Trial& t) { return t.effects.size() > 2 ? most_needed : 0.0; };
+  const auto many = [](const std::vector<int>& set) { return set.size() > 2; };
+  const bool any = std::any_of(pool_.begin(), pool_.end(), [&](const auto& p) { return many(p.first); });
+  const double most_needed = any ? needed_beside(best().fit) : 0.0;
+  const auto needed = [&](const Trial& t) { return many(t.effects) ? most_needed : 0.0; };
   for (;;) {
     const double limit = best().bic + bic;
     const Trial* left = nullptr;
@@ -247,7 +251,7 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
     }
     if (best().effects != before) enlarge(progress);
   }
-  finish_near(30.0, needed_beside(best().fit));
+  finish_near(30.0);
   return settle();
 }
 
@@ -293,7 +297,7 @@ void Search::enlarge(const std::function<void(double)>& progress) {
   constexpr std::size_t most_effects = 4;
   double left_before = std::numeric_limits<double>::infinity(), needed_before = left_before;
   for (std::size_t size = 1; size <= most_effects; ++size) {
-    finish_near(0.0, needed_beside(best().fit));
+    finish_near(0.0);
     Trial b = best();
     if (b.effects.size() < size) break;  // nothing larger helped
     if (passes(b.fit) || size == most_effects) break;

@@ -133,7 +133,7 @@ class Search {
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
-  void finish_near(double bic, double most_needed = 0.0);
+  void finish_near(double bic);
   Fit leapt(const Fit& from, const Fit& over) const;
   void unite(const Trial& t);
   bool not_yet(const Trial& t, const std::vector<int>& set);

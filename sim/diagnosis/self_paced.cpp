@@ -96,14 +96,9 @@ void doubt(Diagnosis& d, const Work& w, const Found& f, bool quiet) {
                       name_of(machine, f.left.candidate[static_cast<std::size_t>(i)]) + " it scores " +
                       text(f.left.z[i], "%.1f") + ", and chance leaves " + text(d.threshold, "%.1f") + ".");
   }
-  if (f.part.effects.empty() || !(farthest_off(w.p, f.part.fit) > far)) return;
+  const std::vector<std::string> astray = off_by_more(w.p, f.part.fit, far);
+  if (f.part.effects.empty() || astray.empty()) return;
   d.verdict = Verdict::unexplained;
-  std::vector<std::string> astray;
-  for (std::size_t k = 0; k < w.p.tolerance.size(); ++k) {
-    const Coefficient& c = machine.coefficients[k];
-    if (w.p.tolerance[k] > 0.0 && std::abs(f.part.fit.values[k] - c.nominal) > far * w.p.tolerance[k])
-      astray.push_back(c.name);
-  }
   d.notes.push_back("Nearest came " + listed(names_of(machine, f.part.effects)) + ", but only beside " +
                     listed(astray) +
                     " far from what is declared: a cause that is no candidate would look so, and so would columns "

@@ -15,6 +15,13 @@ double off_neighbours(const std::vector<double>& y, std::size_t i) {
   return y[i] - (4.0 * (y[i - 1] + y[i + 1]) - (y[i - 2] + y[i + 2])) / 6.0;
 }
 
+// What nine in ten of some sizes are at most.
+double usual_of(std::vector<double> sizes) {
+  const auto nine_in_ten = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 9 / 10);
+  std::nth_element(sizes.begin(), nine_in_ten, sizes.end());
+  return *nine_in_ten;
+}
+
 // Whether, with value i where its neighbours say, all of these fit together: of a step they do not.
 bool stands_alone(std::vector<double> y, std::size_t i, double usual) {
   y[i] -= off_neighbours(y, i);
@@ -39,9 +46,7 @@ std::size_t take_out_spikes(Record& record) {
       if (std::isfinite(off[i])) sizes.push_back(std::abs(off[i]));
     }
     if (sizes.size() < fewest) continue;
-    const auto nine_in_ten = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 9 / 10);
-    std::nth_element(sizes.begin(), nine_in_ten, sizes.end());
-    const double usual = *nine_in_ten;
+    const double usual = usual_of(sizes);
     for (std::size_t i = 0; i < off.size() && usual > 0.0; ++i) {
       const double size = std::abs(off[i]);
       const bool turn = c.unit == "rad" && std::abs(size - 2.0 * std::numbers::pi) < 1.0;
@@ -94,10 +99,9 @@ std::size_t leave_out_far(Data& data, const std::vector<int>& segments, const st
       }
     }
     if (sizes.size() < fewest) continue;
-    const auto nine_in_ten = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() * 9 / 10);
-    std::nth_element(sizes.begin(), nine_in_ten, sizes.end());
+    const double usual = usual_of(sizes);
     for (const Off& o : off) {
-      if (!(o.by > far * *nine_in_ten) || !(o.by > apart * o.neighbours)) continue;
+      if (!(o.by > far * usual) || !(o.by > apart * o.neighbours)) continue;
       data.segments[o.segment].count[o.row] = 0.0;
       ++count;
     }
