@@ -16,10 +16,12 @@
 namespace saltus {
 
 // value + sum_k gradient[k] eps_k, eps_k eps_l = 0. Comparisons look at the value alone.
+// The gradient lies first, so that copies of the whole and sums of gradients move by the same pairs of numbers: behind
+// the value each pair would be read across two that were just written, and wait for both.
 template <int K>
 struct Dual {
-  double value = 0.0;
   std::array<double, static_cast<std::size_t>(K)> gradient{};
+  double value = 0.0;
 
   constexpr Dual() noexcept = default;
   constexpr Dual(double v) noexcept : value(v) {}  // NOLINT(google-explicit-constructor): a constant is a dual number
@@ -54,7 +56,8 @@ struct Dual {
   }
   constexpr Dual& operator/=(const Dual& o) noexcept {
     value /= o.value;
-    for (std::size_t k = 0; k < gradient.size(); ++k) gradient[k] = (gradient[k] - value * o.gradient[k]) / o.value;
+    const double share = 1.0 / o.value;
+    for (std::size_t k = 0; k < gradient.size(); ++k) gradient[k] = (gradient[k] - value * o.gradient[k]) * share;
     return *this;
   }
   constexpr Dual& operator*=(double o) noexcept { return *this = chain(value * o, o); }

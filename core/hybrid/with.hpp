@@ -60,6 +60,8 @@ struct With {
   static constexpr auto inputs = M::inputs;
   static constexpr auto outputs = M::outputs;
   static constexpr std::string_view name = M::name;
+  static constexpr std::uint64_t every_effect =  // a bit each
+      sizeof...(Effects) == 0 ? 0 : ~std::uint64_t{0} >> (64 - sizeof...(Effects));
   static constexpr int parameter_count = saltus::parameter_count<M> + (0 + ... + saltus::parameter_count<Effects>);
 
   M model{};
@@ -135,6 +137,13 @@ struct With {
     }, 0);
   }
 
+  // Whether a kinked effect acts anywhere.
+  bool kinked() const noexcept {
+    bool r = false;
+    each_effect([&](const auto& e) { r = r || requires { std::remove_cvref_t<decltype(e)>::kinked; }; });
+    return r;
+  }
+
   // Calls f(rate) for the port rate of every kinked effect that acts in chart C: the flow jumps where it changes sign.
   template <class C, class F>
   void visit_kinks(C c, const Vec<C::dim, S>& x, F&& f) const noexcept {
@@ -204,6 +213,7 @@ struct With {
   }
   template <class F>
   void each_effect(F&& f, std::uint64_t skipped) const {
+    if (skipped == every_effect) return;
     std::apply(
         [&](const auto&... e) { ((static_cast<void>((skipped & 1) == 0 ? (f(e), 0) : 0), skipped >>= 1), ...); },
         effects);

@@ -57,6 +57,7 @@ class Probe {
     Wires<M, D>::visit(wires_, [&](auto, auto, D& v, int) { lifted(v); });
     lifted_.rest_idle();
     model_.resting = lifted_.resting;
+    kinked_ = model_.kinked();
     sensor_moves_ = !(vanishes(wires_.sensor_delay) && vanishes(wires_.sensor_lag));
     delay_moves_ = moving(wires_.input_delay);
     lag_moves_ = moving(wires_.input_lag);
@@ -69,7 +70,7 @@ class Probe {
   // cost.
   template <class OnSample>
   Status run(const Course& course, const Point<M>& start, OnSample&& on_sample, bool derivatives = true) noexcept {
-    derivatives_ = derivatives || sensor_moves_;  // a moved sensor is read off the lifted state
+    derivatives_ = derivatives || wires_.sensor_lag.value > 0.0;  // a lag is that of the lifted outputs
     begin(course, start);
     const double delay = wires_.sensor_delay.value;
     for (std::size_t i = course.first; i < course.t.size(); ++i) {
@@ -214,15 +215,15 @@ class Probe {
     }
   }
 
-  // One step, in parts where a kinked force changes sign within it or a chart is stiff.
+  // One step, in parts where the chart or the sign of a kinked force changes within it or a chart is stiff.
   void piece(double h) noexcept {
     const Vec<nu, D> u = wires_.input_lag.value > 0.0 ? relax(input(held_), h) : filtered_;
     const Input<M> u0 = value_of(u);
     const Point<M> before = at_;
-    const std::uint64_t signs = kink_signs(before);
     const Passage r = advance(model_, at_, u0, h);
-    int parts = signs == kink_signs(at_) ? 1 : 16;
-    const double stiffness = stiffness_between(before, at_, h);
+    const bool alike = before.chart == at_.chart && !(kinked_ && kink_signs(before) != kink_signs(at_));
+    int parts = alike ? 1 : 16;
+    const double stiffness = kinked_ ? stiffness_between(before, at_, h) : 0.0;
     if (h * stiffness > 1.0) parts = std::max(parts, static_cast<int>(std::ceil(std::min(500.0, h * stiffness))));
     const double limit = std::min(longest_step(before), longest_step(at_));
     if (h > limit) parts = std::max(parts, static_cast<int>(std::ceil(h / limit)));
@@ -245,7 +246,7 @@ class Probe {
     constexpr int fine = 32;
     const Point<M> before = at_;
     const Passage r = advance_from(u0, h);
-    if (!changes_between(before, at_)) {
+    if (!kinked_ || !changes_between(before, at_)) {
       follow(u, u0, r);
       return;
     }
@@ -339,7 +340,7 @@ class Probe {
 
   // The signs of the rates at which kinked forces jump, one bit each.
   std::uint64_t kink_signs(const Point<M>& p) const noexcept {
-    std::uint64_t bits = static_cast<std::uint64_t>(p.chart) << 60;
+    std::uint64_t bits = 0;
     visit_chart(p, [&](auto c) {
       std::uint64_t bit = 1;
       model_.visit_kinks(c, p.in(c), [&](double rate) {
@@ -462,6 +463,7 @@ class Probe {
   LM lifted_{};
   Wires<M, D> wires_{};
   bool derivatives_ = true;
+  bool kinked_ = false;
   bool sensor_moves_ = false, delay_moves_ = false, lag_moves_ = false, lagging_ = false;
 
   Course course_{};

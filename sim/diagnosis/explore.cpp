@@ -63,7 +63,7 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     return f;
   };
   const std::vector<double> starts = guesses(added, estimate, patient);
-  if (starts.size() == 1 && from.empty())
+  if (starts.size() == 1 && from.empty() && !c.kinked)
     return store({set, fit(p_, segments_, off_by(starts[0]), set, briefly), 0.0, false});
 
   // A few steps from each on part of the data, then from the best on all of it.
@@ -116,7 +116,8 @@ void Search::step_aside(int added) {
 // From a fit to the few segments to one to all, where it is worth it.
 const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions options) {
   const auto [part, rest] = few_and_rest();
-  if (set.size() > 1 && far_behind(f, part)) return dismiss(set);
+  const bool dear = set.size() > 1 || p_.machine->coefficients[static_cast<std::size_t>(set.front())].kinked;
+  if (dear && far_behind(f, part)) return dismiss(set);
   if (!rest.empty()) {  // their starts belong to other values still
     options.refit_parameters = false;
     const Fit moved = fit(p_, rest, f, {}, options);

@@ -21,6 +21,7 @@ struct Coefficient {
   bool candidate = false;     // an effect that may be added
   int physical = 0;           // +1: only positive values make sense; 0: either sign
   double probe = 0.0;         // > 0: no derivative at zero; its signature is the secant to this value
+  bool kinked = false;        // a force that jumps where a rate changes sign: dear to follow
   bool shifts_time = false;   // a delay or a lag: never below zero, of some fraction of a cycle at most
   std::string profile_of;     // a knot of a force profile at this port; not a cause
   std::string sine_of;        // the other coefficient of a force that repeats with the cycle, along the clock's cosine

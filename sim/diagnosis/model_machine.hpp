@@ -55,9 +55,12 @@ class ModelMachine final : public Machine {
     has_clock = clocked<M>;
     in_steps = requires { decltype(M{}.model)::in_steps; };
     const auto add = [&](std::string label, std::string_view unit, double value, bool candidate) -> Coefficient& {
-      coefficients.push_back(
-          {std::move(label), std::string(unit), value, candidate, 0, 0.0, false, {}, {}, {}, 0, -1.0});
-      return coefficients.back();
+      Coefficient& c = coefficients.emplace_back();
+      c.name = std::move(label);
+      c.unit = unit;
+      c.nominal = value;
+      c.candidate = candidate;
+      return c;
     };
     visit_parameters(nominal, [&](auto label, auto unit, double value) {
       if (label == "omega" && has_clock) clock = static_cast<int>(coefficients.size());
@@ -170,6 +173,7 @@ class ModelMachine final : public Machine {
       }
       Coefficient& c = add(label, unit, 0.0, true);
       if constexpr (requires { E::physical; }) c.physical = E::physical;
+      if constexpr (requires { E::kinked; }) c.kinked = E::kinked;
       if constexpr (requires { E::profile; }) {
         c.candidate = false;
         c.profile_of = label.substr(label.find('@') + 1, label.find('/') - label.find('@') - 1);
