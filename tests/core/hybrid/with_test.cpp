@@ -4,6 +4,7 @@
 #include <string>
 
 #include "core/flow/advance.hpp"
+#include "sim/effects/force_laws.hpp"
 #include "sim/models/hopper.hpp"
 #include "tests/support/catch.hpp"
 #include "tests/support/effects.hpp"
@@ -207,6 +208,16 @@ TEST_CASE("with: effects whose parameters vanish may rest, all others act") {
   std::get<0>(m.effects).c = 0.3;
   m.rest_idle();
   CHECK(m.flow(hopper::Flight{}, flight, u) == acting);
+}
+
+TEST_CASE("with: a friction that acts is known to have a kink, one that rests is not") {
+  With m(Hopper<>{}, Damper<hopper::Leg>{}, effects::Coulomb<hopper::Leg>{});
+  CHECK(m.kinked());  // nobody has let it rest
+  m.rest_idle();
+  CHECK_FALSE(m.kinked());
+  std::get<1>(m.effects).F = 0.1;
+  m.rest_idle();
+  CHECK(m.kinked());
 }
 
 TEST_CASE("with: no effect at all is the model itself") {

@@ -1,5 +1,6 @@
 #include "core/trace/probe.hpp"
 
+#include <string>
 #include <vector>
 
 #include "sim/effects/candidates.hpp"
@@ -171,14 +172,18 @@ TEST_CASE("a lag of the input is the exact response of a first-order filter") {
   for (std::size_t i = 0; i < y.size(); ++i) CHECK(std::abs(y[i] - lagged[i]) < 2e-6);
 }
 
-TEST_CASE("values without derivatives are the same values") {
+TEST_CASE("values without derivatives are the same values, of moved and of smoothed wires too") {
   const Experiment e = experiment();
+  const std::string wire = GENERATE("", "sensor_delay", "sensor_lag", "input_delay", "input_lag");
+  CAPTURE(wire);
   P::Values v = values();
   v[static_cast<std::size_t>(index_of_name("c"))] = 0.1;
+  if (!wire.empty()) v[static_cast<std::size_t>(index_of_name(wire))] = 0.07;  // [s] two samples and a bit
   std::vector<double> with_gradient, without;
   P a(v, {}), b(v, {});
   a.run(e.course(1.0 / 64), start(), [&](std::size_t, const auto& s) { with_gradient.push_back(s[0].value); });
   b.run(
       e.course(1.0 / 64), start(), [&](std::size_t, const auto& s) { without.push_back(s[0].value); }, false);
+  CHECK(with_gradient.size() == e.t.size() - 4);
   CHECK(with_gradient == without);
 }
