@@ -117,7 +117,7 @@ void Search::step_aside(int added) {
 const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions options) {
   const auto [part, rest] = few_and_rest();
   const bool dear = set.size() > 1 || p_.machine->coefficients[static_cast<std::size_t>(set.front())].kinked;
-  if (dear && far_behind(f, part)) return dismiss(set);
+  if (dear && far_behind(f, part)) return dismiss(set, true);
   if (!rest.empty()) {  // their starts belong to other values still
     options.refit_parameters = false;
     const Fit moved = fit(p_, rest, f, {}, options);
@@ -126,8 +126,9 @@ const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions opt
   return store({set, fit(p_, segments_, f, set, briefly), 0.0, false});
 }
 
-const Trial& Search::dismiss(const std::vector<int>& set) {
+const Trial& Search::dismiss(const std::vector<int>& set, bool outdone) {
   Trial t{set, base().fit, 0.0, false};
+  t.outdone = outdone;
   t.fit.chi2 = std::numeric_limits<double>::infinity();
   return store(std::move(t));
 }

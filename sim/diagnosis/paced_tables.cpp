@@ -177,7 +177,8 @@ void list_candidates(Diagnosis& d, const Question& q, const Answer& a, const Sea
       if (!may_change(own, e.value[k]) && std::abs(e.z[k]) > search.threshold())
         row.remark = "would need an unphysical sign";
     }
-    if (row.remark.empty() && fitted && !std::isfinite(t->second.bic)) row.remark = "fitted, it leaves no less";
+    if (row.remark.empty() && fitted && !std::isfinite(t->second.bic))
+      row.remark = t->second.outdone ? "fitted to a part, of which others leave far less" : "fitted, it leaves no less";
     d.candidates.push_back(std::move(row));
   }
   for (const Search::Repeating& r : search.asked()) {

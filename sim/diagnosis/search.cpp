@@ -367,7 +367,8 @@ const Trial& Search::settle() {
     for (const int e : set) {
       if (set.size() < 2) break;
       const std::vector<int> smaller = without(set, e);
-      if (pool_.count(smaller) > 0) continue;
+      const auto known = pool_.find(smaller);
+      if (known != pool_.end() && !(known->second.outdone && smaller.size() == 1)) continue;
       Fit f = pool_.at(set).fit;
       f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       const std::vector<int> part = few_and_rest().first;

@@ -20,6 +20,7 @@ struct Trial {
   double bic = 0.0;
   bool thorough = false;  // fitted with fresh sensitivities
   int rounds = 0;         // how often it was taken further
+  bool outdone = false;   // given up: of a part of the data the best leaves far less
 };
 
 // Is anything left? Views against the repeats' noise, and the score along every candidate.
@@ -116,7 +117,7 @@ class Search {
   const Trial& explore(const std::vector<int>& from, const Fit& start, int added, double estimate, bool patient,
                        double needed = 0.0);
   const Trial& complete(const std::vector<int>& set, Fit f, FitOptions options);
-  const Trial& dismiss(const std::vector<int>& set);
+  const Trial& dismiss(const std::vector<int>& set, bool outdone = false);
   void grow(int added);
   void step_aside(int added);
   std::pair<std::vector<int>, std::vector<int>> few_and_rest() const;
