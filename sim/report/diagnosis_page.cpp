@@ -70,7 +70,7 @@ std::string residual_figure(const Diagnosis& d) {
   Figure figure;
   figure.columns = static_cast<int>(d.mean_cycle.size());
   figure.width = 1000;
-  figure.height = 330;
+  figure.height = 400;
   for (std::size_t j = 0; j < d.mean_cycle.size(); ++j) {
     const MeanCycle& c = d.mean_cycle[j];
     Panel p;
@@ -91,7 +91,8 @@ std::string residual_figure(const Diagnosis& d) {
     p.curves.push_back(lower);
     curve(c.refit, "refitted, without effect", "linespoints lc rgb '#c0392b' pt 7 ps 0.4");
     curve(c.after, d.effects.empty() ? "final" : "with the effect", "linespoints lc rgb '#2471a3' pt 7 ps 0.4");
-    p.settings = "set key top left";
+    // The key below: over the curves it would hide some.
+    p.settings = "set bmargin 8\nset key outside bottom center horizontal";
     figure.panels.push_back(std::move(p));
   }
   return drawn(figure);
