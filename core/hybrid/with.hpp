@@ -62,6 +62,11 @@ struct With {
   static constexpr std::string_view name = M::name;
   static constexpr std::uint64_t every_effect =  // a bit each
       sizeof...(Effects) == 0 ? 0 : ~std::uint64_t{0} >> (64 - sizeof...(Effects));
+  static constexpr std::uint64_t kinked_effects = [] {
+    std::uint64_t bits = 0, bit = 1;
+    ((bits |= requires { Effects::kinked; } ? bit : 0, bit <<= 1), ...);
+    return bits;
+  }();
   static constexpr int parameter_count = saltus::parameter_count<M> + (0 + ... + saltus::parameter_count<Effects>);
 
   M model{};
@@ -138,15 +143,12 @@ struct With {
   }
 
   // Whether a kinked effect acts anywhere.
-  bool kinked() const noexcept {
-    bool r = false;
-    each_effect([&](const auto& e) { r = r || requires { std::remove_cvref_t<decltype(e)>::kinked; }; });
-    return r;
-  }
+  bool kinked() const noexcept { return (kinked_effects & ~resting) != 0; }
 
   // Calls f(rate) for the port rate of every kinked effect that acts in chart C: the flow jumps where it changes sign.
   template <class C, class F>
   void visit_kinks(C c, const Vec<C::dim, S>& x, F&& f) const noexcept {
+    if (!kinked()) return;
     each_effect([&](const auto& e) {
       if constexpr (requires { std::remove_cvref_t<decltype(e)>::kinked; }) {
         each_port([&](auto p) {
@@ -160,6 +162,7 @@ struct With {
   // effect brings that to rest, there and at the kink [1/s]. A step longer than a few of these times overshoots.
   template <class C, class F>
   void visit_stiffness(C c, const Vec<C::dim, S>& x, F&& f) const noexcept {
+    if (!kinked()) return;
     each_effect([&](const auto& e) {
       if constexpr (requires { std::remove_cvref_t<decltype(e)>::kinked; }) {
         each_port([&](auto p) {

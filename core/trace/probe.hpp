@@ -57,7 +57,6 @@ class Probe {
     Wires<M, D>::visit(wires_, [&](auto, auto, D& v, int) { lifted(v); });
     lifted_.rest_idle();
     model_.resting = lifted_.resting;
-    kinked_ = model_.kinked();
     sensor_moves_ = !(vanishes(wires_.sensor_delay) && vanishes(wires_.sensor_lag));
     delay_moves_ = moving(wires_.input_delay);
     lag_moves_ = moving(wires_.input_lag);
@@ -221,9 +220,9 @@ class Probe {
     const Input<M> u0 = value_of(u);
     const Point<M> before = at_;
     const Passage r = advance(model_, at_, u0, h);
-    const bool alike = before.chart == at_.chart && !(kinked_ && kink_signs(before) != kink_signs(at_));
+    const bool alike = before.chart == at_.chart && kink_signs(before) == kink_signs(at_);
     int parts = alike ? 1 : 16;
-    const double stiffness = kinked_ ? stiffness_between(before, at_, h) : 0.0;
+    const double stiffness = stiffness_between(before, at_, h);
     if (h * stiffness > 1.0) parts = std::max(parts, static_cast<int>(std::ceil(std::min(500.0, h * stiffness))));
     const double limit = std::min(longest_step(before), longest_step(at_));
     if (h > limit) parts = std::max(parts, static_cast<int>(std::ceil(h / limit)));
@@ -246,7 +245,7 @@ class Probe {
     constexpr int fine = 32;
     const Point<M> before = at_;
     const Passage r = advance_from(u0, h);
-    if (!kinked_ || !changes_between(before, at_)) {
+    if (!changes_between(before, at_)) {
       follow(u, u0, r);
       return;
     }
@@ -463,7 +462,6 @@ class Probe {
   LM lifted_{};
   Wires<M, D> wires_{};
   bool derivatives_ = true;
-  bool kinked_ = false;
   bool sensor_moves_ = false, delay_moves_ = false, lag_moves_ = false, lagging_ = false;
 
   Course course_{};
