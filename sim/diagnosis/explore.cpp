@@ -23,16 +23,30 @@ double Search::cost_on(const std::vector<int>& segments, const Fit& f) const {
   return std::accumulate(each.begin(), each.end(), f.penalty);
 }
 
-// Fitted to some segments alone, and there behind the best of all by more than a few steps make up for?
-bool Search::far_behind(const Fit& f, const std::vector<int>& segments) const {
-  const double lead = cost_on(segments, best().fit);
-  return f.cost() > lead + 100.0 + 0.1 * std::max(0.0, lead - samples_of(segments));
+// [-] The cost on some segments above which a fit is behind the best of all by more than a few steps make up for. One
+// with more effects than one would have to be before it by what they are to take away.
+double Search::hopeless_on(const std::vector<int>& segments, bool one_more) const {
+  constexpr double slack = 100.0;
+  const double lead = segments == segments_ ? best().fit.cost() : cost_on(segments, best().fit);
+  const double n = samples_of(segments);
+  return lead + slack + (one_more ? -needed_beside(best()) * n / samples_ : 0.1 * std::max(0.0, lead - n));
 }
 
 // Where a linear estimate is apt to be trapped far below the truth.
 bool Search::curved(int coefficient) const {
   const Coefficient& c = p_.machine->coefficients[static_cast<std::size_t>(coefficient)];
   return c.shifts_time || c.changes_charts() || c.name.find("damper") != std::string::npos;
+}
+
+FitOptions Search::briefly_to_beat(const std::vector<int>& segments, bool one_more) const {
+  FitOptions o = briefly;
+  o.to_beat = hopeless_on(segments, one_more);
+  return o;
+}
+
+// Not to be fitted to all of the data before a part of it has shown that it may be worth it.
+bool Search::dear(const std::vector<int>& set) const {
+  return set.size() > 1 || p_.machine->coefficients[static_cast<std::size_t>(set.front())].kinked;
 }
 
 // How far from its nominal value to start an effect.
@@ -63,17 +77,20 @@ const Trial& Search::explore(const std::vector<int>& from, const Fit& start, int
     return f;
   };
   const std::vector<double> starts = guesses(added, estimate, patient);
-  if (starts.size() == 1 && from.empty() && !c.kinked)
-    return store({set, fit(p_, segments_, off_by(starts[0]), set, briefly), 0.0, false});
+  if (starts.size() == 1 && !dear(set))
+    return store(
+        {set, fit(p_, segments_, off_by(starts[0]), set, briefly_to_beat(segments_, set.size() > 1)), 0.0, false});
 
   // A few steps from each on part of the data, then from the best on all of it.
   constexpr double hopeless = 1e4;  // [-] times the best so far
+  const std::vector<int> part = few_and_rest().first;
   FitOptions brief = briefly;
   if (starts.size() > 1) {
     brief.iterations = 4;
     brief.enough = 1.0;
+  } else {
+    brief = briefly_to_beat(part, set.size() > 1);
   }
-  const std::vector<int> part = few_and_rest().first;
   Fit best = start;
   best.chi2 = std::numeric_limits<double>::infinity();
   for (std::size_t i = 0; i < starts.size(); ++i) {
@@ -116,14 +133,13 @@ void Search::step_aside(int added) {
 // From a fit to the few segments to one to all, where it is worth it.
 const Trial& Search::complete(const std::vector<int>& set, Fit f, FitOptions options) {
   const auto [part, rest] = few_and_rest();
-  const bool dear = set.size() > 1 || p_.machine->coefficients[static_cast<std::size_t>(set.front())].kinked;
-  if (dear && far_behind(f, part)) return dismiss(set, true);
+  if (dear(set) && f.cost() > hopeless_on(part, set.size() > 1)) return dismiss(set, true);
   if (!rest.empty()) {  // their starts belong to other values still
     options.refit_parameters = false;
     const Fit moved = fit(p_, rest, f, {}, options);
     if (std::isfinite(moved.chi2)) f.start = moved.start;
   }
-  return store({set, fit(p_, segments_, f, set, briefly), 0.0, false});
+  return store({set, fit(p_, segments_, f, set, briefly_to_beat(segments_, set.size() > 1)), 0.0, false});
 }
 
 const Trial& Search::dismiss(const std::vector<int>& set, bool outdone) {
@@ -165,7 +181,7 @@ void Search::grow(int added) {
 
 // What changes the charts, beside what is there already: its slope at nothing may not show that it is wanted.
 void Search::beside(const std::vector<int>& set) {
-  const double needed = needed_beside(pool_.at(set).fit);
+  const double needed = needed_beside(pool_.at(set));
   for (const int c : judged()) {
     const bool changes = p_.machine->coefficients[static_cast<std::size_t>(c)].changes_charts();
     if (!changes || pool_.count(with(set, c)) > 0 || passes(best().fit)) continue;

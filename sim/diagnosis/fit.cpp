@@ -252,7 +252,9 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
   bool fresh = true;  // the sensitivities are those of the present values
   int fails = 0;
   double last_fell = 0.0;
+  double falls = std::numeric_limits<double>::infinity();  // at most, in one more iteration: the larger of the last two
   while (f.iterations < options.iterations) {
+    if (cost - (options.iterations - f.iterations) * falls > options.to_beat) break;
     ++f.iterations;
     Attempt a = attempt(p, segments, f, now, n, damping);
     if (bends && fresh && a.foreseen > options.enough && !(cost - a.total > straight * a.foreseen)) {
@@ -270,6 +272,7 @@ Fit fit(const Problem& p, const std::vector<int>& segments, const Fit& from, con
       now = std::move(a.cost);
       damping = damping < 1e-3 ? 0.0 : damping / 8.0;
       fails = 0;
+      falls = f.iterations < 2 ? falls : std::max(last_fell, fell);
       last_fell = fell;
       if (fell < options.enough && (fresh || options.brief)) {
         f.converged = true;

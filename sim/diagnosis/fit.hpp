@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -40,6 +41,8 @@ struct FitOptions {
   int iterations = 14;
   double enough = 0.05;  // stop when the cost falls by less
   bool brief = false;    // do not ask for fresh sensitivities before stopping
+  // [-] Given up where falling as it does, in all iterations left, would not lead below this.
+  double to_beat = std::numeric_limits<double>::infinity();
 };
 inline constexpr FitOptions briefly{.brief = true};
 inline constexpr FitOptions starts_alone{.refit_parameters = false};

@@ -46,13 +46,14 @@ const Trial& Search::best() const {
 
 // Fits to their end what is within `bic` of the best, so that none wins, or loses, for having been left early. Three
 // effects or more that have converged, or fall in a round by less than one more would have to, will not make up for
-// that.
+// that; nor does it matter where even the best leaves much.
 void Search::finish_near(double bic) {
   constexpr int most_rounds = 3;
   constexpr double slow = 100.0;  // [-] what one that ran out of iterations may still fall by
-  const auto many = [](const std::vector<int>& set) { return set.size() > 2; };
+  const bool far = clearly_left(best()) > 0.5 * clear_in(base_gate_.views);
+  const auto many = [&](const std::vector<int>& set) { return set.size() > 2 || (far && !set.empty()); };
   const bool any = std::any_of(pool_.begin(), pool_.end(), [&](const auto& p) { return many(p.first); });
-  const double most_needed = any ? needed_beside(best().fit) : 0.0;
+  const double most_needed = any ? needed_beside(best()) : 0.0;
   const auto needed = [&](const Trial& t) { return many(t.effects) ? most_needed : 0.0; };
   for (;;) {
     const double limit = best().bic + bic;
@@ -159,16 +160,25 @@ Gate Search::look(const Fit& f) const {
   return g;
 }
 
-// What one more effect has to take away beside what leaves this much: a part of what no chance leaves in the view that
-// shows most of it, if any does.
-double Search::needed_beside(const Fit& f) const {
-  constexpr double hardly = 0.1;
+// Squares that no chance leaves, in the view that shows most of them; nothing where none shows any.
+double Search::clear_in(const std::vector<View>& views) const {
   double most = 0.0;
-  for (const View& v : look(f).views) {
+  for (const View& v : views) {
     if (!(v.p > view_level_)) most = std::max(most, v.freedom * (v.ratio - 1.0));
   }
-  return hardly * most;
+  return most;
 }
+
+double Search::clearly_left(const Trial& t) const {
+  if (asked_of_ != std::pair{t.effects, t.fit.cost()}) {
+    asked_of_ = {t.effects, t.fit.cost()};
+    clearly_left_ = clear_in(look(t.fit).views);
+  }
+  return clearly_left_;
+}
+
+// Squares that one more effect has to take away.
+double Search::needed_beside(const Trial& t) const { return 0.25 * clearly_left(t); }
 
 bool Search::passes(const Fit& f) const { return look(f).views_pass && gate(f).passes(); }
 
@@ -255,13 +265,9 @@ const Trial& Search::run(const std::function<void(double)>& progress) {
   return settle();
 }
 
-// All pairs, to first order at the baseline; the most promising are fitted.
-void Search::fit_likely_pairs() {
+// All pairs, to first order at the baseline, the most promising first.
+std::vector<Search::Pair> Search::likely_pairs() const {
   const Evidence& e = base_gate_.evidence;
-  struct Pair {
-    int i, j;
-    double vi, vj, gain;
-  };
   std::vector<Pair> pairs;
   for (std::size_t i = 0; i < e.candidate.size(); ++i) {
     for (std::size_t j = i + 1; j < e.candidate.size(); ++j) {
@@ -274,11 +280,16 @@ void Search::fit_likely_pairs() {
     }
   }
   std::sort(pairs.begin(), pairs.end(), [](const Pair& x, const Pair& y) { return x.gain > y.gain; });
+  return pairs;
+}
+
+void Search::fit_likely_pairs(const std::vector<Pair>& pairs) {
   struct Begun {
     std::vector<int> set;
     Fit fit;
   };
   std::vector<Begun> begun;
+  const std::vector<int> part = few_and_rest().first;
   for (std::size_t k = 0; k < pairs.size() && k < 3; ++k) {
     const Pair& q = pairs[k];
     const std::vector<int> set = with({q.i}, q.j);
@@ -286,7 +297,7 @@ void Search::fit_likely_pairs() {
     Fit f = base().fit;
     f.values[static_cast<std::size_t>(q.i)] += q.vi;
     f.values[static_cast<std::size_t>(q.j)] += q.vj;
-    begun.push_back({set, fit(p_, few_and_rest().first, f, set, briefly)});
+    begun.push_back({set, fit(p_, part, f, set, briefly_to_beat(part, true))});
   }
   std::sort(begun.begin(), begun.end(), [](const Begun& x, const Begun& y) { return x.fit.cost() < y.fit.cost(); });
   for (const Begun& b : begun) complete(b.set, b.fit, briefly);
@@ -313,8 +324,14 @@ void Search::enlarge(const std::function<void(double)>& progress) {
     // More effects only where these already explain most of what there is, and the last of them much of what was left.
     const double excess = base().fit.chi2 - samples_, left = b.fit.chi2 - samples_;
     if (size > 1 && left > 0.15 * excess) break;
-    if (size > 2 && left > 0.5 * left_before) break;
-    const double needed = needed_beside(b.fit);
+    if (size > 1 && left > left_before / 3.0) break;
+    const std::vector<Pair> pairs = size == 1 ? likely_pairs() : std::vector<Pair>();
+    if (size == 1) {  // where one explains next to nothing, and to first order no two do, more would be a description
+      const double clear = clear_in(base_gate_.views);
+      const double gain = pairs.empty() ? 0.0 : pairs.front().gain;
+      if (clearly_left(b) > 0.9 * clear && gain < 0.5 * clear) break;
+    }
+    const double needed = needed_beside(b);
     if (needed > 0.9 * needed_before) break;
     left_before = left;
     needed_before = needed;
@@ -335,7 +352,7 @@ void Search::enlarge(const std::function<void(double)>& progress) {
       next.insert(next.end(), some.begin(), first);
       more.insert(more.end(), first, some.end());  // should none of these be it
     }
-    if (size == 1) fit_likely_pairs();
+    if (size == 1) fit_likely_pairs(pairs);
     const std::size_t likely = next.size();
     next.insert(next.end(), more.begin(), more.end());
     for (std::size_t i = 0; i < next.size(); ++i) {
@@ -372,7 +389,7 @@ const Trial& Search::settle() {
       Fit f = pool_.at(set).fit;
       f.values[static_cast<std::size_t>(e)] = p_.machine->coefficients[static_cast<std::size_t>(e)].nominal;
       const std::vector<int> part = few_and_rest().first;
-      if (far_behind(fit(p_, part, f, smaller, briefly), part)) {
+      if (fit(p_, part, f, smaller, briefly_to_beat(part, false)).cost() > hopeless_on(part, false)) {
         dismiss(smaller);
       } else {
         store({smaller, fit(p_, segments_, f, smaller), 0.0, true});

@@ -123,14 +123,23 @@ class Search {
   std::pair<std::vector<int>, std::vector<int>> few_and_rest() const;
   double samples_of(const std::vector<int>& segments) const;
   double cost_on(const std::vector<int>& segments, const Fit& f) const;
-  bool far_behind(const Fit& f, const std::vector<int>& segments) const;
-  void fit_likely_pairs();
+  double hopeless_on(const std::vector<int>& segments, bool one_more) const;
+  FitOptions briefly_to_beat(const std::vector<int>& segments, bool one_more) const;
+  bool dear(const std::vector<int>& set) const;
+  struct Pair {
+    int i, j;
+    double vi, vj, gain;  // [unit of each], [-] of chi squared, both to first order
+  };
+  std::vector<Pair> likely_pairs() const;
+  void fit_likely_pairs(const std::vector<Pair>& pairs);
   void fit_force(const Repeating& r, Fit f, const Eigen::Vector2d& force);
   void beside(const std::vector<int>& set);
   const Trial& store(Trial t);
   Gate look(const Fit& f) const;    // a gate's views alone
   bool passes(const Fit& f) const;  // the gate, without scores where the views tell enough
-  double needed_beside(const Fit& f) const;
+  double clear_in(const std::vector<View>& views) const;
+  double clearly_left(const Trial& t) const;
+  double needed_beside(const Trial& t) const;
   void judge_scores(Gate& g) const;
   const Signatures& signatures_at(const Fit& f) const;
   const Trial& best() const;
@@ -159,6 +168,8 @@ class Search {
     Signatures signatures;
   };
   mutable std::deque<Known> known_;
+  mutable std::pair<std::vector<int>, double> asked_of_;  // a trial, by its effects and its cost
+  mutable double clearly_left_ = 0.0;                     // [-] of squares, by that
 };
 
 }  // namespace saltus::diagnosis
