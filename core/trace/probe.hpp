@@ -204,9 +204,11 @@ class Probe {
       const int pieces = std::max(1, static_cast<int>(std::ceil((end - now_) / course_.h_max - 1e-9)));
       double h = (end - now_) / pieces;
       const double lag = wires_.input_lag.value;
-      if (lag > 0.0) {  // short steps while the input still moves
-        const double since = now_ - boundary(held_);
-        if (since < 12.0 * lag) h = std::min(h, std::max(0.5 * lag, since));
+      if (lag > 0.0) {  // short steps while the input still moves, and shorter where steps are to be
+        const double begun = boundary(held_), since = now_ - begun;
+        const double held_for = (held_ + 1 < course_.t.size() ? boundary(held_ + 1) : end) - begun;
+        const double fine = std::min(1.0, course_.h_max / held_for);
+        if (since < 12.0 * lag) h = std::min(h, fine * std::max(0.5 * lag, since));
       }
       const bool last = now_ + h * (1.0 + 1e-12) >= end;
       piece(last ? end - now_ : h);
@@ -216,11 +218,15 @@ class Probe {
 
   // One step, in parts where the chart or the sign of a kinked force changes within it or a chart is stiff.
   void piece(double h) noexcept {
-    const Vec<nu, D> u = wires_.input_lag.value > 0.0 ? relax(input(held_), h) : filtered_;
+    const bool filters = wires_.input_lag.value > 0.0;
+    const Vec<nu, D> at_first = filtered_;
+    const Vec<nu, D> u = filters ? relax(input(held_), h) : filtered_;
     const Input<M> u0 = value_of(u);
     const Point<M> before = at_;
     const Passage r = advance(model_, at_, u0, h);
-    const bool alike = before.chart == at_.chart && kink_signs(before) == kink_signs(at_);
+    // Of a moving input the mean over a step is not the mean before an event within it.
+    const bool even = !filters || r.events == 0;
+    const bool alike = even && before.chart == at_.chart && kink_signs(before) == kink_signs(at_);
     int parts = alike ? 1 : 16;
     const double stiffness = stiffness_between(before, at_, h);
     if (h * stiffness > 1.0) parts = std::max(parts, static_cast<int>(std::ceil(std::min(500.0, h * stiffness))));
@@ -234,7 +240,11 @@ class Probe {
     }
     if (parts > 1) {
       at_ = before;
-      for (int i = 0; i < parts && usable(status_); ++i) part(u, u0, h / parts);
+      filtered_ = at_first;
+      for (int i = 0; i < parts && usable(status_); ++i) {
+        const Vec<nu, D> now = filters ? relax(input(held_), h / parts) : filtered_;
+        part(now, value_of(now), h / parts);
+      }
       return;
     }
     pending_ = before;

@@ -1,6 +1,9 @@
 // The bouncing ball: its impacts are passed at once, so that what shifts them bends every way to the truth.
+#include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <string>
+#include <vector>
 
 #include "tests/support/records.hpp"
 
@@ -34,7 +37,59 @@ void found(const Diagnosis& d, const std::string& effect, double size) {
   CHECK(std::abs(d.effects[0].value - size) < 4.0 * error);
 }
 
+// The ball under a held input that a first-order lag smooths, in closed form between impacts; row by row (y, v).
+std::vector<double> exactly(const std::vector<double>& t, const std::vector<double>& u, double lag, double y,
+                            double v) {
+  constexpr double m = 0.5, g = 9.81, A = 0.112, e = 0.8, omega = 2.0 * std::numbers::pi;
+  std::vector<double> rows{y, v};
+  double acts = u[0];  // [N]
+  for (std::size_t i = 0; i + 1 < t.size(); ++i) {
+    double now = t[i];
+    const auto go = [&](double d, double& y1, double& v1, double& acts1) {  // by d seconds
+      const double off = acts - u[i], gone = lag * -std::expm1(-d / lag), a = u[i] / m - g;
+      y1 = y + v * d + 0.5 * a * d * d + off * lag / m * (d - gone);
+      v1 = v + a * d + off / m * gone;
+      acts1 = u[i] + off * std::exp(-d / lag);
+    };
+    const auto above = [&](double d) {
+      double y1, v1, acts1;
+      go(d, y1, v1, acts1);
+      return y1 - A * std::sin(omega * (now + d));
+    };
+    if (above(t[i + 1] - now) < 0.0) {
+      double low = 0.0, high = t[i + 1] - now;
+      for (int k = 0; k < 60; ++k) (above(0.5 * (low + high)) < 0.0 ? high : low) = 0.5 * (low + high);
+      go(high, y, v, acts);
+      now += high;
+      const double table = A * omega * std::cos(omega * now);
+      v = table + e * (table - v);
+    }
+    go(t[i + 1] - now, y, v, acts);
+    rows.insert(rows.end(), {y, v});
+  }
+  return rows;
+}
+
 }  // namespace
+
+TEST_CASE("an impact under an input that lags is where the closed form has it") {
+  constexpr double y = 0.5472647592, v = -3.8356020482, size = 0.01;  // [m] [m/s] [N]
+  std::vector<double> t, u;
+  for (int i = 0; i < 4 * 32; ++i) {
+    t.push_back(i / 32.0);
+    u.push_back(i % 3 == 0 ? size : i % 5 == 0 ? -size : 0.0);
+  }
+  const double most = size / 0.5 / 32.0;  // [m/s] what the input makes of a velocity from one sample to the next
+  for (const double lag : {0.005, 0.018, 0.0205, 0.2}) {
+    const auto expected = exactly(t, u, lag, y, v);
+    const auto got = outputs_of("bouncing_ball", {{"input_lag", lag}}, t, u, 1.0 / 32, {0, {y, v, 0.0}});
+    REQUIRE(got.size() == expected.size());
+    double off = 0.0;
+    for (std::size_t i = 0; i < got.size(); ++i) off = std::max(off, std::abs(got[i] - expected[i]));
+    CAPTURE(lag, off / most);
+    CHECK(off < 0.005 * most);
+  }
+}
 
 TEST_CASE("a clock set off, along whose valley the declared parameters bend, is followed to its end", "[diagnose]") {
   for (const double offset : {-0.005, -0.003, 0.008})
