@@ -19,6 +19,10 @@ std::string format(const char* pattern, ...) {
 
 std::string text(double x, const char* pattern) { return format(pattern, x); }
 
+std::string after_number(std::string_view unit) {
+  return unit.empty() || unit == "1" || unit == "-" ? std::string() : " " + std::string(unit);
+}
+
 std::string listed(const std::vector<std::string>& names, std::string_view between) {
   std::string s;
   for (const std::string& n : names) {

@@ -11,6 +11,9 @@ namespace saltus {
 
 std::string text(double x, const char* pattern = "%.4g");
 
+// A unit as it follows a number: nothing for "1" and "-".
+std::string after_number(std::string_view unit);
+
 std::string listed(const std::vector<std::string>& names, std::string_view between = ", ");
 
 }  // namespace saltus

@@ -106,15 +106,17 @@ Work lay_out(const Record& record, const Machine& machine, const Options& o, dou
   if (rows > 0.0) {
     std::string when;
     for (std::size_t i = 1; i < cut.skip.size(); ++i) {
-      if (cut.skip[i] && !cut.skip[i - 1]) when += (when.empty() ? "" : ", ") + text(record.t[i], "%.2f");
+      if (!cut.skip[i] || cut.skip[i - 1]) continue;
+      when += (when.empty() ? "" : ", ") + text(record.t[i], "%.2f") + " s";
+      if (list.size() > 1) when += " of experiment " + std::to_string(record.experiment[i]);
     }
     d.notes.push_back(text(rows, "%.0f") + " rows around t = " + when +
-                      " s were left out: a force many times what is missing elsewhere acted there, as if somebody had "
+                      " were left out: a force many times what is missing elsewhere acted there, as if somebody had "
                       "touched the machine.");
   }
   if (w.s.ringing > 0) {
     d.notes.push_back("Impacts are not modelled: " + text(1e3 * cut.exclude, "%.0f") +
-                      " ms on either side of a change of chart were left out (" + std::to_string(w.s.ringing) +
+                      " ms on either side of an event were left out (" + std::to_string(w.s.ringing) +
                       " rows), where the structure rings, and every step starts anew.");
   }
   if (!still.empty()) {

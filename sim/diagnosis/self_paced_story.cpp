@@ -39,8 +39,9 @@ void tell_self_paced(Diagnosis& d) {
   s.push_back(verdict_sentence(d));
   for (const Finding& f : d.effects) {
     const std::string tie = listed(f.ties);
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]%s%s.", f.name.c_str(), f.value, f.unit.c_str(), f.low,
-                       f.high, tie.empty() ? "" : "; could as well be ", tie.c_str()));
+    s.push_back(format("  %s = %.4g%s, 95 %% in [%.4g, %.4g]%s%s.", f.name.c_str(), f.value,
+                       after_number(f.unit).c_str(), f.low, f.high, tie.empty() ? "" : "; could as well be ",
+                       tie.c_str()));
   }
   for (const Step& t : q.steps) {
     std::string beside;
@@ -63,7 +64,7 @@ void tell_self_paced(Diagnosis& d) {
     for (const std::size_t j : outputs) {
       const std::string& u = d.output_units[j];
       s.push_back(format(
-          "Free runs of %.3g s, %s (%d%s): %s off by %.3g %s as declared, %.3g refitted, %.3g with what was "
+          "Free runs of %.3g s, %s (%d%s): %s off by %.3g%s as declared, %.3g refitted, %.3g with what was "
           "found; at the end %.3g, %.3g, "
           "%.3g; noise %.2g.",
           f.horizon, f.data.c_str(), f.runs,
@@ -73,20 +74,23 @@ void tell_self_paced(Diagnosis& d) {
                                    f.unstable)
                           : std::string())
               .c_str(),
-          d.output_names[j].c_str(), told(f.before[j], u), told_unit(u).c_str(), told(f.refit[j], u),
+          d.output_names[j].c_str(), told(f.before[j], u), after_number(told_unit(u)).c_str(), told(f.refit[j], u),
           told(f.after[j], u), told(f.end_before[j], u), told(f.end_refit[j], u), told(f.end_after[j], u),
           told(d.noise[j], u)));
     }
     if (outputs.size() < f.after.size())
-      s.push_back(format("The other %zu outputs are nearer to what was measured; they are on the page and in the JSON.",
-                         f.after.size() - outputs.size()));
+      s.push_back((f.after.size() == outputs.size() + 1
+                       ? std::string("The other output is nearer to what was measured; it is")
+                       : format("The other %zu outputs are nearer to what was measured; they are",
+                                f.after.size() - outputs.size())) +
+                  " on the page and in the JSON.");
   }
   if (!d.effects.empty() && !q.runs.empty()) {
     for (std::size_t j = 0; j < q.explained.size(); ++j) {
       if (q.explained[j] || !(q.runs.front().after[j] > 2.0 * d.noise[j])) continue;
-      s.push_back(format("%s hardly improves: what is missing there, some %.2g %s, is unexplained by any candidate.",
+      s.push_back(format("%s hardly improves: what is missing there, some %.2g%s, is unexplained by any candidate.",
                          d.output_names[j].c_str(), told(q.runs.front().after[j], d.output_units[j]),
-                         told_unit(d.output_units[j]).c_str()));
+                         after_number(told_unit(d.output_units[j])).c_str()));
     }
   }
   if (std::isfinite(d.heldout.after)) {

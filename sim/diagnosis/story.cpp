@@ -37,8 +37,8 @@ std::string corrections(const Diagnosis& d) {
   std::string t;
   for (const ParameterRow& r : d.parameters) {
     if (!(most > 0.0) || moved(r) < std::min(most, clearly)) continue;
-    t += format("%s%s %.6g -> %.6g %s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.with_effect,
-                r.unit.c_str());
+    t += format("%s%s %.6g -> %.6g%s", t.empty() ? "" : ", ", r.name.c_str(), r.declared, r.with_effect,
+                after_number(r.unit).c_str());
   }
   return t;
 }
@@ -52,8 +52,8 @@ void tell(Diagnosis& d) {
                      [&] {
                        std::string t;
                        for (std::size_t j = 0; j < d.noise.size(); ++j) {
-                         t += format("%s%s %.3g %s", j > 0 ? ", " : "", d.output_names[j].c_str(), d.noise[j],
-                                     d.output_units[j].c_str());
+                         t += format("%s%s %.3g%s", j > 0 ? ", " : "", d.output_names[j].c_str(), d.noise[j],
+                                     after_number(d.output_units[j]).c_str());
                        }
                        return t;
                      }()
@@ -68,8 +68,8 @@ void tell(Diagnosis& d) {
     const std::string tie = listed(f.ties);
     const std::string from = f.declared == 0.0 ? "" : format(" from the declared %.4g", f.declared);
     const std::string peak = std::isfinite(f.phase) ? format(", largest at %.2f of the cycle", f.phase) : "";
-    s.push_back(format("  %s = %.4g %s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s%s%s.", f.name.c_str(), f.value,
-                       f.unit.c_str(), f.low, f.high, std::abs(f.z), from.c_str(), peak.c_str(),
+    s.push_back(format("  %s = %.4g%s, 95 %% in [%.4g, %.4g]; %.0f standard errors%s%s%s%s.", f.name.c_str(), f.value,
+                       after_number(f.unit).c_str(), f.low, f.high, std::abs(f.z), from.c_str(), peak.c_str(),
                        tie.empty() ? "" : "; could as well be ", tie.c_str()));
   }
   if (d.verdict == Verdict::parameters_only) {
@@ -104,7 +104,7 @@ void tell(Diagnosis& d) {
     int n = 0;
     for (const CandidateRow& c : d.candidates) {
       if (c.limit <= 0.0 || n == 4) continue;
-      t += format("%s%s %.2g %s", n++ > 0 ? ", " : "", c.name.c_str(), c.limit, c.unit.c_str());
+      t += format("%s%s %.2g%s", n++ > 0 ? ", " : "", c.name.c_str(), c.limit, after_number(c.unit).c_str());
     }
     s.push_back("Would have been seen (95 % power) above: " + t + ".");
   }

@@ -11,7 +11,7 @@ namespace saltus::diagnosis {
 
 struct Cut {
   double length = 0.0;     // [s] of a stretch; 0: chosen by the record
-  double exclude = 0.035;  // [s] left out on either side of a change of chart, where the structure rings
+  double exclude = 0.035;  // [s] left out on either side of an event, where the structure rings
   bool exact = false;      // stretches of just that length, what is left over is not used
   std::vector<bool> skip;  // (rows) never used; empty: none
 };

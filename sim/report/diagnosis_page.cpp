@@ -280,7 +280,7 @@ std::string write_diagnosis_page(const Diagnosis& d, const std::string& folder) 
        "</p>\n";
   h += "<div class=\"verdict " + name(d.verdict) + "\"><b>" + words(d.verdict) + "</b><br>\n";
   for (const Finding& f : d.effects) {
-    h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + " " + escaped(f.unit) +
+    h += "<span class=\"big\">" + escaped(f.name) + " = " + number(f.value) + escaped(after_number(f.unit)) +
          "</span><br>95 % between " + number(f.low) + " and " + number(f.high) + ", " + number(std::abs(f.z), "%.0f") +
          " standard errors" + (f.declared == 0.0 ? "" : " from the declared " + number(f.declared)) +
          (std::isfinite(f.phase) ? ", largest at " + number(f.phase, "%.2f") + " of the cycle" : "");
