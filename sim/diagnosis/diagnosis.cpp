@@ -18,13 +18,18 @@
 namespace saltus::diagnosis {
 namespace {
 
+constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+
 // The declared model, with its parameters refitted, leaves nothing but noise: did they have to move?
 Verdict no_effect(const Diagnosis& d, const Question& q, const Answer& a, double false_alarm) {
   bool holds = true;
   for (const View& v : d.views_declared) holds = holds && v.p > 0.1 * false_alarm;
-  const double gain = (q.declared.chi2 - a.refit.cost()) / a.before.evidence.inflation;
-  const double k = static_cast<double>(a.refit.free.size());
-  const double p_shift = k > 0.0 ? fisher_tail(gain / k, k, 1e6) : 1.0;
+  double p_shift = q.data.coloured ? chance_of_scores(q.p, q.all, q.declared, a.refit.free) : nan;
+  if (std::isnan(p_shift)) {
+    const double gain = (q.declared.chi2 - a.refit.cost()) / a.before.evidence.inflation;
+    const double k = static_cast<double>(a.refit.free.size());
+    p_shift = k > 0.0 ? fisher_tail(gain / k, k, 1e6) : 1.0;
+  }
   return holds && p_shift > 0.1 * false_alarm ? Verdict::no_discrepancy : Verdict::parameters_only;
 }
 
@@ -60,8 +65,9 @@ Verdict trace(Diagnosis& d, const Question& q, Answer& a, Search& search, Laps& 
     a.chosen = *one;
     a.after = search.gate(a.chosen.fit);
     explained = true;
+    const double share = (a.chosen.fit.chi2 - search.samples()) / (a.refit.chi2 - search.samples());
     d.notes.push_back("What is left is more than noise, though far less than the noise itself and " +
-                      text(100.0 * (a.chosen.fit.chi2 - search.samples()) / (a.refit.chi2 - search.samples()), "%.1g") +
+                      text(100.0 * std::max(0.0, share), "%.1g") +
                       " % of what refitting alone leaves: the law found, or the model's steps, are not exactly the "
                       "machine's.");
   }

@@ -8,6 +8,7 @@
 
 #include "core/spectrum/twiddles.hpp"
 #include "core/trace/statistics.hpp"
+#include "normal_equations.hpp"
 
 namespace saltus::diagnosis {
 namespace {
@@ -17,7 +18,31 @@ struct Power {
   double freedom = 0.0;
   double noise = 0.0;  // the same of the repeats' deviations from their mean
   double noise_freedom = 0.0;
+  struct Part {
+    double noise, share, freedom;  // of one repeat; what it is expected to be, of white noise; numbers in it
+  };
+  std::vector<Part> parts;
+
+  void add_noise(double squares, double share, double numbers) {
+    noise += squares;
+    noise_freedom += share;
+    if (share > 0.0) parts.push_back({squares, share, numbers});
+  }
 };
+
+// [-] By how much wider than white noise's a sum of squares scatters: repeats tell, and what the colour along time
+// makes of it is the least. What moves the machine moves all its outputs for cycles, of which that colour knows little.
+double widening(const Power& q, double floor, const Data& data) {
+  constexpr double prior = 5.0;  // [-] repeats that what is known of the colour is worth
+  if (!data.coloured || q.parts.empty()) return data.colour;
+  double sum = prior * data.colour, weight = prior;
+  for (const Power::Part& part : q.parts) {
+    const double off = part.noise / (floor * part.share) - 1.0;
+    sum += 0.5 * part.freedom * off * off;
+    weight += 1.0;
+  }
+  return std::max(data.colour, sum / weight);
+}
 
 View compare(std::string name, const Power& q, const Data& data) {
   View v{std::move(name), 1.0, q.freedom, 1.0};
@@ -25,7 +50,8 @@ View compare(std::string name, const Power& q, const Data& data) {
   const double floor = q.noise_freedom > 0.0 ? q.noise / q.noise_freedom : 1.0;
   v.ratio = q.residual / q.freedom / floor;
   const double d2 = q.noise_freedom > 0.0 ? q.noise_freedom : 1e6;
-  v.p = fisher_tail(v.ratio, q.freedom / data.colour, d2 / data.colour);
+  const double wider = widening(q, floor, data);
+  v.p = fisher_tail(v.ratio, q.freedom / wider, d2 / wider);
   return v;
 }
 
@@ -76,6 +102,30 @@ double line_power(const Data& data, const Eigen::VectorXd& x, const std::vector<
   return power;
 }
 
+// Covariance of noise along columns as repeats have it, and the degrees of freedom of that.
+struct Scatter {
+  Eigen::MatrixXd covariance;  // (columns x columns)
+  double freedom = 0.0;
+};
+
+Scatter scatter_along(const Data& data, const std::vector<int>& segments, const std::vector<Eigen::Index>& offset,
+                      const Eigen::MatrixXd& columns) {
+  const auto ny = static_cast<Eigen::Index>(data.outputs());
+  Scatter r{Eigen::MatrixXd::Zero(columns.cols(), columns.cols())};
+  for (std::size_t j = 0; j < segments.size(); ++j) {
+    const Segment& seg = data.segments[static_cast<std::size_t>(segments[j])];
+    const auto repeats = static_cast<double>(seg.deviation.size());
+    if (repeats < 2.0) continue;
+    for (Eigen::VectorXd w : seg.deviation) {
+      for (Eigen::Index i = 0; i < w.size(); ++i) w[i] *= std::sqrt(seg.count[i]) / data.noise[i % ny];
+      const Eigen::VectorXd along = columns.middleRows(offset[j], w.size()).transpose() * w;
+      r.covariance += along * along.transpose() / (repeats * (repeats - 1.0));
+    }
+    r.freedom += repeats - 1.0;
+  }
+  return r;
+}
+
 // Columns less their means over the cycles of each segment.
 Eigen::MatrixXd without_mean_cycle(const Data& data, const std::vector<int>& segments, const Signatures& s,
                                    Eigen::MatrixXd columns) {
@@ -98,20 +148,18 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
   const auto residual = residuals(p, segments, f);
   Power all, mean, lines;
   Eigen::VectorXd mean_sum;
-  double mean_noise = 0.0, mean_noise_freedom = 0.0;
   for (const int index : segments) {
     const Segment& s = data.segments[static_cast<std::size_t>(index)];
     Eigen::VectorXd r = residual[static_cast<std::size_t>(index)];
     const std::size_t repeats = s.deviation.size();
     for (Eigen::Index i = 0; i < r.size(); ++i) r[i] *= std::sqrt(s.count[i]) / data.noise[i % ny];
     all.residual += r.squaredNorm();
-    for (Eigen::Index i = 0; i < r.size(); ++i) {
-      all.freedom += s.count[i] > 0.0;
-      all.noise_freedom += std::max(0.0, s.count[i] - 1.0);
-    }
-    all.freedom -= static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
+    const double measured = s.measured();
+    all.freedom += measured - static_cast<double>(p.machine->free_coordinates(s.guess.chart).size());
     for (const auto& x : s.deviation) {
-      for (Eigen::Index i = 0; i < x.size(); ++i) all.noise += x[i] * x[i] / (data.noise[i % ny] * data.noise[i % ny]);
+      double squares = 0.0;
+      for (Eigen::Index i = 0; i < x.size(); ++i) squares += x[i] * x[i] / (data.noise[i % ny] * data.noise[i % ny]);
+      all.add_noise(squares, (s.count.array() - 1.0).max(0.0).sum() / static_cast<double>(repeats), measured);
     }
     if (data.sections == 0) continue;
 
@@ -129,26 +177,22 @@ std::vector<View> views(const Problem& p, const std::vector<int>& segments, cons
     const double cycles = static_cast<double>(r.size()) / static_cast<double>(data.sections * ny);
     if (mean_sum.size() == 0) mean_sum = Eigen::VectorXd::Zero(data.sections * ny);
     mean_sum += mean_cycle(data, r) * std::sqrt(cycles);
-    for (const auto& x : d) {
-      mean_noise += (mean_cycle(data, x) * std::sqrt(cycles)).squaredNorm();
-    }
-    if (repeats > 1) mean_noise_freedom += told * static_cast<double>(data.sections * ny);
+    const auto places = static_cast<double>(data.sections * ny), share = told / static_cast<double>(repeats);
+    for (const auto& x : d)
+      mean.add_noise((mean_cycle(data, x) * std::sqrt(cycles)).squaredNorm(), share * places, places);
 
     const auto& excited = s.lines;
     if (!excited.empty() && data.period_cycles > 0 && data.repeats > 1) {
       double freedom = 0.0;
       lines.residual += line_power(data, r, excited, &freedom);
       lines.freedom += freedom;
-      for (const auto& x : d) lines.noise += line_power(data, x, excited, nullptr);
-      if (repeats > 1) lines.noise_freedom += told * freedom;
+      for (const auto& x : d) lines.add_noise(line_power(data, x, excited, nullptr), share * freedom, freedom);
     }
   }
   all.freedom -= static_cast<double>(f.free.size());
   if (mean_sum.size() > 0) {
     mean.residual = mean_sum.squaredNorm() / static_cast<double>(segments.size());
     mean.freedom = static_cast<double>(mean_sum.size());
-    mean.noise = mean_noise;
-    mean.noise_freedom = mean_noise_freedom;
   }
   std::vector<View> r{compare("all samples", all, data)};
   if (mean.freedom > 0.0) r.push_back(compare("mean cycle", mean, data));
@@ -175,6 +219,35 @@ Eigen::Matrix2d Evidence::information_of(Eigen::Index i, Eigen::Index j) const {
 Evidence evidence(const Problem& p, const std::vector<int>& segments, const Fit& f, const std::vector<int>& candidates,
                   double tolerances) {
   return weigh(p, segments, f, signatures(p, segments, f, candidates), tolerances);
+}
+
+double chance_of_scores(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                        const std::vector<int>& coefficients) {
+  constexpr double least = 4.0;  // [-] degrees of freedom
+  const Signatures s = signatures(p, segments, f, coefficients);
+  const auto n = static_cast<Eigen::Index>(s.candidates.size());
+  const auto [scatter, freedom] = scatter_along(*p.data, segments, s.offset, s.C);
+  const double k = static_cast<double>(n), left = freedom - k + 1.0;
+  const Eigen::VectorXd scale = scatter.diagonal().cwiseSqrt().cwiseInverse();
+  if (n == 0 || left < least || !scale.allFinite()) return std::numeric_limits<double>::quiet_NaN();
+  const Eigen::VectorXd score = scale.asDiagonal() * (s.C.transpose() * s.r);
+  const Eigen::MatrixXd unit = scale.asDiagonal() * scatter * scale.asDiagonal();
+  const double squared = score.dot(Eigen::LDLT<Eigen::MatrixXd>(unit).solve(score));
+  return fisher_tail(squared * left / (freedom * k), k, left);
+}
+
+double widening_along(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                      const std::vector<int>& coefficients) {
+  const Signatures s = signatures(p, segments, f, coefficients);
+  const Eigen::VectorXd scatter = scatter_along(*p.data, segments, s.offset, s.C).covariance.diagonal();
+  double sum = 0.0, used = 0.0;
+  for (Eigen::Index i = 0; i < scatter.size(); ++i) {
+    const double white = s.C.col(i).squaredNorm();
+    if (!(white > 0.0)) continue;
+    sum += scatter[i] / white;
+    used += 1.0;
+  }
+  return used > 0.0 ? std::max(1.0, sum / used) : 1.0;
 }
 
 double beyond_mean_cycle(const Problem& p, const std::vector<int>& segments, const Fit& f, const Signatures& s,
@@ -228,8 +301,7 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
   Eigen::VectorXd prior = Eigen::VectorXd::Zero(m), off = Eigen::VectorXd::Zero(m);
   for (Eigen::Index i = 0; i < m; ++i) {
     const auto k = static_cast<std::size_t>(s.nuisance[static_cast<std::size_t>(i)]);
-    if (k >= p.tolerance.size() || !(p.tolerance[k] > 0.0)) continue;
-    prior[i] = 1.0 / (p.tolerance[k] * p.tolerance[k] * tolerances * tolerances);
+    prior[i] = prior_of(p, static_cast<int>(k)) / (tolerances * tolerances);
     off[i] = prior[i] * (f.values[k] - p.machine->coefficients[k].nominal);
   }
   // Scaled so that coefficients of any unit invert alike.
@@ -256,22 +328,10 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
   // How much more than white noise the repeats scatter along each signature.
   Eigen::VectorXd inflation = Eigen::VectorXd::Ones(n);
   if (data.coloured) {
-    const Eigen::MatrixXd P = s.C - s.N * X;
-    Eigen::VectorXd scatter = Eigen::VectorXd::Zero(n);
-    double freedom = 0.0;
-    const auto ny = static_cast<Eigen::Index>(data.outputs());
-    for (std::size_t j = 0; j < segments.size(); ++j) {
-      const Segment& seg = data.segments[static_cast<std::size_t>(segments[j])];
-      const auto repeats = static_cast<double>(seg.deviation.size());
-      if (repeats < 2.0) continue;
-      for (const auto& d : seg.deviation) {
-        Eigen::VectorXd w = d;
-        for (Eigen::Index i = 0; i < w.size(); ++i) w[i] *= std::sqrt(seg.count[i]) / data.noise[i % ny];
-        scatter += (P.middleRows(s.offset[j], w.size()).transpose() * w).cwiseAbs2() / (repeats * (repeats - 1.0));
-      }
-      freedom += repeats - 1.0;
-    }
-    const double own = std::max(1.0, freedom), pooled_weight = 40.0;
+    const Scatter of_repeats = scatter_along(data, segments, s.offset, s.C - s.N * X);
+    const Eigen::VectorXd scatter = of_repeats.covariance.diagonal();
+    const double own = std::max(1.0, of_repeats.freedom);
+    const double pooled_weight = std::min(40.0, 2.0 * own);  // what all signatures share is told by no more repeats
     double pooled = 0.0, used = 0.0;
     for (Eigen::Index i = 0; i < n; ++i) {
       if (!(e.information(i, i) > 1e-9 * CC(i, i))) continue;

@@ -45,6 +45,16 @@ Evidence weigh(const Problem& p, const std::vector<int>& segments, const Fit& f,
 // The same for some of the candidates.
 Evidence among(const Evidence& e, const std::vector<int>& candidates);
 
+// By what chance a model that holds leaves as much along the signatures of these coefficients together, whatever the
+// colour of the noise: against the scatter of the repeats along the same (Hotelling's T squared). NaN where repeats are
+// too few to tell.
+double chance_of_scores(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                        const std::vector<int>& coefficients);
+
+// [-] The variance of noise along the signatures of these coefficients over that of white noise, on average; 1 or more.
+double widening_along(const Problem& p, const std::vector<int>& segments, const Fit& f,
+                      const std::vector<int>& coefficients);
+
 // Standard errors by which an effect that is refitted at f, of signatures s there, is seen in all but the mean cycle;
 // negative where that asks for the other sign. What is seen in the mean cycle alone could be any force that repeats
 // with it.

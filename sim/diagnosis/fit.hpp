@@ -18,6 +18,7 @@ struct Problem {
   const Machine* machine = nullptr;
   const Data* data = nullptr;
   std::vector<double> tolerance;  // (declared) standard deviation of each; 0 = exact
+  double widened = 1.0;           // [-] variance of the noise along what parameters do over that of white noise
   double h_max = 0.0;             // [s] longest step of a prediction
   double h_slope = 0.0;           // [s] longest step of its sensitivities, of which three digits are enough
 };
@@ -28,7 +29,7 @@ struct Fit {
   std::vector<double> values;  // of every coefficient
   std::vector<Start> start;    // of every segment of the problem; fitted for those in use
   double chi2 = 0.0;           // of the data, means weighted by how many measurements went in
-  double penalty = 0.0;        // of the declared parameters: squared deviations over tolerances
+  double penalty = 0.0;        // of the declared parameters: squared deviations over tolerances, as chi2 is widened
   Eigen::MatrixXd covariance;  // (free x free), starts eliminated
   int iterations = 0;
   Status status = Status::ok;

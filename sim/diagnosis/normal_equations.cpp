@@ -125,7 +125,7 @@ Normal normal_equations(const Problem& p, const std::vector<int>& segments, cons
 
 double prior_of(const Problem& p, int coefficient) {
   const auto k = static_cast<std::size_t>(coefficient);
-  return k < p.tolerance.size() && p.tolerance[k] > 0.0 ? 1.0 / (p.tolerance[k] * p.tolerance[k]) : 0.0;
+  return k < p.tolerance.size() && p.tolerance[k] > 0.0 ? p.widened / (p.tolerance[k] * p.tolerance[k]) : 0.0;
 }
 
 double penalty_of(const Problem& p, const std::vector<double>& values) {

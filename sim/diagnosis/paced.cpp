@@ -131,6 +131,13 @@ Question::Question(const Record& record, const Machine& m, const Options& option
     noise_without_repeats(*this, data, declared);
     declared = predict(all, declared_fit(p));
   }
+  if (data.coloured) {
+    std::vector<int> parameters;
+    for (std::size_t i = 0; i < machine.declared; ++i) {
+      if (p.tolerance[i] > 0.0) parameters.push_back(static_cast<int>(i));
+    }
+    p.widened = widening_along(p, all, declared, parameters);
+  }
 }
 
 }  // namespace saltus::diagnosis

@@ -73,7 +73,11 @@ Record synthesise(const Machine& m, const std::vector<double>& values, const Cam
       t.push_back(static_cast<double>(i) / c.sections * m.cycle_period);
       for (std::size_t j = 0; j < nu; ++j) u.push_back(j == 0 ? wave[static_cast<std::size_t>(n)] : 0.0);
     }
-    const Course course{t, u, static_cast<std::size_t>(lead), m.cycle_period / c.sections / 8.0};
+    std::vector<double> acts = u;  // what the record does not hold is in it
+    if (c.process > 0.0) {
+      for (std::size_t k = 0; k < acts.size(); k += nu) acts[k] += c.process * noise.normal();
+    }
+    const Course course{t, acts, static_cast<std::size_t>(lead), m.cycle_period / c.sections / 8.0};
     const Response y = m.values_only(values, course, orbit.front());
     if (!usable(y.status)) {
       r.t.clear();

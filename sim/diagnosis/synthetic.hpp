@@ -27,6 +27,7 @@ struct Campaign {
   double outliers = 0.0;                 // [-] share of values far off
   std::vector<double> quantum;           // (outputs) steps of the sensors, empty or 0: none
   double colour = 0.0;                   // [-] correlation of the noise from section to section
+  double process = 0.0;                  // [unit of the input] random force beside it, new in every section
   std::optional<std::uint64_t> stimuli;  // their seed, where they are to be the same in other noise
 };
 

@@ -26,7 +26,7 @@ struct Arguments {
   int trials = 20;
   int experiments = 4, period = 32, jobs = 1;
   std::uint64_t seed = 1;
-  double times = 3.0;
+  double times = 3.0, process = 0.0, colour = 0.0;
 };
 
 using Sizes = std::vector<std::pair<std::string, double>>;  // of effects, by name
@@ -228,6 +228,8 @@ Campaign campaign_of(const Arguments& a) {
   campaign.experiments = a.experiments;
   campaign.period = a.period;
   campaign.settle = 24;
+  campaign.process = a.process;
+  campaign.colour = a.colour;
   if (a.model == "hopper") {
     campaign.noise = {1e-3, 6e-3};
   } else {
@@ -350,6 +352,18 @@ void add_calibrate(CLI::App& app) {
       ->add_option("--times", a->times,
                    "size of an effect, in detection limits of the experiment; the first of a pair is twice as large")
       ->check(CLI::PositiveNumber)
+      ->capture_default_str();
+  command
+      ->add_option(
+          "--process", a->process,
+          "random force beside the input that no record holds, new in every section, one standard deviation in "
+          "the input's unit")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+  command
+      ->add_option("--colour", a->colour,
+                   "correlation of the sensors' noise from section to section, 0 where it is white")
+      ->check(CLI::Range(0.0, 0.999))
       ->capture_default_str();
   command->add_option("--experiments", a->experiments, "experiments of a campaign")
       ->check(CLI::Range(2, 64))

@@ -215,6 +215,27 @@ TEST_CASE("noise as slow as the motion is no correction of a parameter", "[diagn
   CHECK(corrected <= 1);
 }
 
+TEST_CASE("a random force that no record holds is no lack of the model, and hides no large one", "[diagnose]") {
+  Campaign c = short_campaign();
+  int claimed = 0;
+  for (const double force : {0.05, 0.3}) {  // [N]
+    c.process = force;
+    for (std::uint64_t seed = 1; seed <= 8; ++seed) {
+      const Diagnosis d = judged(made({}, seed, c));
+      CAPTURE(force, seed, name(d.verdict));
+      claimed += d.verdict != Verdict::no_discrepancy;
+    }
+  }
+  CHECK(claimed <= 1);
+
+  c.process = 0.05;
+  const Diagnosis d = judged(made({{"quadratic_drag@body", 0.2}}, 9, c));
+  REQUIRE(d.effects.size() == 1);
+  CHECK(d.effects[0].name == "quadratic_drag@body");
+  CHECK(d.effects[0].low < 0.2);
+  CHECK(d.effects[0].high > 0.2);
+}
+
 TEST_CASE("what a bouncing foot would be seen by is no straight line, and as much as the fits say", "[diagnose]") {
   Options o;
   o.candidates = {"restitution"};
