@@ -6,6 +6,7 @@
 #include <filesystem>
 #include <fstream>
 #include <limits>
+#include <numbers>
 #include <stdexcept>
 
 #include "../format.hpp"
@@ -113,22 +114,29 @@ std::string response_figure(const Diagnosis& d) {
       p.y_label = m == -1 ? "magnitude" : "";
       p.settings = m == -1 ? "set logscale y\nset format y '10^{%L}'\nset key top right"
                            : "set logscale y\nset format y '10^{%L}'\nunset key";
-      Curve measured{"measured, 95 %", "yerrorlines lc rgb '#777777' lw 0.7 pt 7 ps 0.35", {}},
+      Curve bars{"", "lines lc rgb '#bbbbbb' lw 0.8", {}},
+          measured{"measured, 95 %", "points lc rgb '#777777' pt 7 ps 0.35", {}},
           refit{"refitted", "lines lc rgb '#c0392b'", {}},
           after{d.effects.empty() ? "final" : "with the effect", "lines lc rgb '#2471a3'", {}};
-      measured.style = "points lc rgb '#777777' pt 7 ps 0.35";
-      measured.title = "measured";
       std::vector<const Response1*> lines;
       for (const Response1& r : d.responses) {
         if (r.m == m && r.output == o) lines.push_back(&r);
       }
       std::sort(lines.begin(), lines.end(), [](const Response1* a, const Response1* b) { return a->f < b->f; });
+      const auto size = [](const double* h) { return std::hypot(h[0], h[1]); };
+      double bottom = std::numeric_limits<double>::infinity();  // where a bar ends that reaches down to nothing
+      for (const Response1* r : lines) bottom = std::min({bottom, size(r->measured), size(r->refit), size(r->after)});
       for (const Response1* r : lines) {
-        measured.points.emplace_back(r->f, std::hypot(r->measured[0], r->measured[1]));
-        refit.points.emplace_back(r->f, std::hypot(r->refit[0], r->refit[1]));
-        after.points.emplace_back(r->f, std::hypot(r->after[0], r->after[1]));
+        constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+        const double bar = 1.96 / std::numbers::sqrt2 * r->sigma;  // of the two parts of a number one is along it
+        measured.points.emplace_back(r->f, size(r->measured));
+        bars.points.insert(
+            bars.points.end(),
+            {{r->f, std::max(bottom, size(r->measured) - bar)}, {r->f, size(r->measured) + bar}, {nan, nan}});
+        refit.points.emplace_back(r->f, size(r->refit));
+        after.points.emplace_back(r->f, size(r->after));
       }
-      p.curves = {measured, refit, after};
+      p.curves = {bars, measured, refit, after};
       figure.panels.push_back(std::move(p));
     }
     all += drawn(figure);
